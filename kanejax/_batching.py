@@ -1,0 +1,250 @@
+"""One primitive behind every public dynamics function, so that `jax.vmap` and `jax.grad` of it stay fast.
+
+Plain vmap of a recursion evaluates each scalar for the whole batch. Beyond a few thousand states a scalar leaves the
+cache, and the run time becomes that of main memory. Here the batching rule runs the recursion over chunks that stay
+in the cache (on a CPU; elsewhere over the whole batch at once), with the batch as the last, contiguous axis. Derivatives are
+the same primitive again: of the linearised function, and of its transpose, which recomputes what it needs for one chunk
+instead of storing it for all, and adds up the gradients of what the batch shares.
+
+A kernel is a pure function of arrays that may have one trailing batch axis, of size 1 or of the batch's size.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any, final
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+CHUNK = 256
+
+Arrays = tuple[jax.Array, ...]
+
+
+def call(function: Callable[..., Arrays], static: tuple, operands: Arrays) -> list[jax.Array]:
+    """Evaluate `function(*static, *operands)`, a tuple of arrays, under any transformation; `static` must be hashable."""
+    return kernel_call.bind(*operands, kernel=Function(function, static), size=None, batched=(), summed=())
+
+
+@final
+@dataclasses.dataclass(frozen=True)
+class Function:
+    """A kernel from a function and its static arguments."""
+
+    function: Callable[..., Arrays]
+    static: tuple
+
+    def __call__(self, *operands: jax.Array) -> Arrays:
+        """Evaluate."""
+        return self.function(*self.static, *operands)
+
+    def linear_operands(self, total: int) -> tuple[int, ...]:
+        """Operands in which the results are linear, jointly: none."""
+        return ()
+
+    def owners(self, total: int) -> tuple[int, ...] | None:
+        """The operand that each result is a gradient of: none."""
+        return None
+
+
+@final
+@dataclasses.dataclass(frozen=True)
+class Tangent:
+    """Directional derivative of a kernel: operands are its own, `count` of them, then the tangents of those in `varied`."""
+
+    kernel: Any
+    varied: tuple[int, ...]
+    count: int
+
+    def __call__(self, *operands: jax.Array) -> Arrays:
+        """Evaluate."""
+        along, at = _vary(self, operands)
+        return jax.jvp(along, at, operands[self.count :])[1]
+
+    def linear_operands(self, total: int) -> tuple[int, ...]:
+        """The tangents, and what the kernel is linear in."""
+        return (*self.kernel.linear_operands(self.count), *range(self.count, total))
+
+    def owners(self, total: int) -> tuple[int, ...] | None:
+        """Those of the kernel."""
+        return self.kernel.owners(self.count)
+
+
+@final
+@dataclasses.dataclass(frozen=True)
+class Transpose:
+    """Transposed derivative of a kernel: operands are its own, then the cotangents of its results; results are gradients."""
+
+    kernel: Any
+    varied: tuple[int, ...]
+    count: int
+
+    def __call__(self, *operands: jax.Array) -> Arrays:
+        """Evaluate."""
+        along, at = _vary(self, operands)
+        results, pull_back = jax.vjp(along, *at)
+        cotangents = zip(operands[self.count :], results, strict=True)
+        return pull_back(tuple(jnp.broadcast_to(c, r.shape) for c, r in cotangents))
+
+    def linear_operands(self, total: int) -> tuple[int, ...]:
+        """The cotangents, and what the kernel is linear in."""
+        return (*self.kernel.linear_operands(self.count), *range(self.count, total))
+
+    def owners(self, total: int) -> tuple[int, ...] | None:
+        """The operands that are varied."""
+        return self.varied
+
+
+def _vary(derivative: Tangent | Transpose, operands: Arrays) -> tuple[Callable[..., Arrays], Arrays]:
+    """The kernel as a function of the varied operands alone, and their values."""
+
+    def along(*varied: jax.Array) -> Arrays:
+        full = list(operands[: derivative.count])
+        for i, x in zip(derivative.varied, varied, strict=True):
+            full[i] = x
+        return derivative.kernel(*full)
+
+    return along, tuple(operands[i] for i in derivative.varied)
+
+
+def _run(*operands: jax.Array, kernel: Any, size: int | None, batched: tuple, summed: tuple, chunk: int | None) -> list[jax.Array]:
+    """Evaluate a call: unbatched, or with the batch on the first axis of operands that are `batched` and results not `summed`."""
+    if size is None:
+        return list(kernel(*operands))
+    if chunk is None or size <= chunk:
+        return _run_chunk(operands, kernel, size, batched, summed)
+    pieces = -(-size // chunk)
+    length = -(-size // pieces)
+    linear = kernel.linear_operands(len(operands))
+
+    def cut(i: int, x: jax.Array) -> jax.Array:
+        if spare := pieces * length - size:
+            # Copies of the last state can only make numbers that it makes itself; zero cotangents keep them out of sums.
+            filling = jnp.zeros_like(x[-1:]) if i in linear else x[-1:]
+            x = jnp.concatenate((x, jnp.broadcast_to(filling, (spare, *x.shape[1:]))))
+        return x.reshape(pieces, length, *x.shape[1:])
+
+    rows = [cut(i, x) for i, (x, moves) in enumerate(zip(operands, batched, strict=True)) if moves]
+
+    def piece(total: list[jax.Array], rows: list[jax.Array]) -> tuple[list[jax.Array], list[jax.Array]]:
+        moving = iter(rows)
+        here = [next(moving) if moves else x for x, moves in zip(operands, batched, strict=True)]
+        results = _run_chunk(here, kernel, length, batched, summed)
+        sums = [r for r, adds in zip(results, summed, strict=True) if adds]
+        return [t + r for t, r in zip(total, sums, strict=True)], [r for r, adds in zip(results, summed, strict=True) if not adds]
+
+    whole = jax.eval_shape(functools.partial(_run_chunk, kernel=kernel, size=size, batched=batched, summed=summed), operands)
+    zeros = [jnp.zeros(s.shape, s.dtype) for s, adds in zip(whole, summed, strict=True) if adds]
+    sums, columns = lax.scan(piece, zeros, rows)
+    totals, columns = iter(sums), iter([c.reshape(-1, *c.shape[2:])[:size] for c in columns])
+    return [next(totals) if adds else next(columns) for adds in summed]
+
+
+def _run_chunk(operands: Any, kernel: Any, size: int, batched: tuple, summed: tuple) -> list[jax.Array]:
+    """Evaluate with the batch moved from the first axis to the last and back."""
+    inner = [jnp.moveaxis(x, 0, -1) if moves else x[..., None] for x, moves in zip(operands, batched, strict=True)]
+    owners = kernel.owners(len(inner))
+    if owners is not None:
+        # A gradient for each member of the batch needs a copy of what it is the gradient of for each.
+        for owner, adds in zip(owners, summed, strict=True):
+            if not adds and not batched[owner]:
+                inner[owner] = jnp.broadcast_to(inner[owner], inner[owner].shape[:-1] + (size,))
+    results = kernel(*inner)
+    return [
+        jnp.sum(r, -1) if adds else jnp.moveaxis(jnp.broadcast_to(r, r.shape[:-1] + (size,)), -1, 0)
+        for r, adds in zip(results, summed, strict=True)
+    ]
+
+
+kernel_call = Primitive("kanejax_kernel")
+kernel_call.multiple_results = True
+
+
+@kernel_call.def_impl
+def _evaluate(*operands: jax.Array, **params: Any) -> list[jax.Array]:
+    return _compiled(tuple(sorted(params.items(), key=lambda item: item[0])))(*operands)
+
+
+@functools.lru_cache(maxsize=1024)
+def _compiled(params: tuple) -> Callable[..., list[jax.Array]]:
+    return jax.jit(functools.partial(kernel_call.bind, **dict(params)))
+
+
+@kernel_call.def_abstract_eval
+def _shapes(*operands: Any, **params: Any) -> list[Any]:
+    results = jax.eval_shape(
+        functools.partial(_run, chunk=None, **params), *(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in operands)
+    )
+    return [jax.core.ShapedArray(r.shape, r.dtype) for r in results]
+
+
+def _batch(operands: Arrays, dims: tuple, *, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> tuple:
+    length = next(x.shape[d] for x, d in zip(operands, dims, strict=True) if d is not None)
+    if size is not None:
+        return _batch_again(operands, dims, length, kernel=kernel, size=size, batched=batched, summed=summed)
+    moving = tuple(d is not None for d in dims)
+    first = [jnp.moveaxis(x, d, 0) if moves else x for x, d, moves in zip(operands, dims, moving, strict=True)]
+    count = len(jax.eval_shape(kernel, *(jax.ShapeDtypeStruct(x.shape[moves:], x.dtype) for x, moves in zip(first, moving, strict=True))))
+    results = kernel_call.bind(*first, kernel=kernel, size=length, batched=moving, summed=(False,) * count)
+    return results, (0,) * count
+
+
+def _batch_again(operands: Arrays, dims: tuple, length: int, *, kernel: Any, size: int, batched: tuple, summed: tuple) -> tuple:
+    """A batch of batches is one batch, of everything that moves in either; sums over the inner one are left to plain vmap."""
+    if any(summed):
+        run = functools.partial(_run, kernel=kernel, size=size, batched=batched, summed=summed, chunk=None)
+        results = jax.vmap(run, in_axes=dims, axis_size=length)(*operands)
+        return results, (0,) * len(results)
+    moving = tuple(b or d is not None for b, d in zip(batched, dims, strict=True))
+    flat = []
+    for x, d, inner, moves in zip(operands, dims, batched, moving, strict=True):
+        if moves:
+            x = x[None] if d is None else jnp.moveaxis(x, d, 0)
+            x = x if inner else x[:, None]
+            x = jnp.broadcast_to(x, (length, size, *x.shape[2:])).reshape(length * size, *x.shape[2:])
+        flat.append(x)
+    results = kernel_call.bind(*flat, kernel=kernel, size=length * size, batched=moving, summed=summed)
+    return [r.reshape(length, size, *r.shape[1:]) for r in results], (0,) * len(results)
+
+
+def _differentiate(primals: Arrays, tangents: tuple, *, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> tuple:
+    results = kernel_call.bind(*primals, kernel=kernel, size=size, batched=batched, summed=summed)
+    varied = tuple(i for i, t in enumerate(tangents) if not isinstance(t, ad.Zero))
+    moving = (*batched, *(batched[i] for i in varied)) if size is not None else ()
+    derivative = Tangent(kernel, varied, len(primals))
+    given = [ad.instantiate_zeros(tangents[i]) for i in varied]
+    changes = kernel_call.bind(*primals, *given, kernel=derivative, size=size, batched=moving, summed=summed)
+    return results, changes
+
+
+def _transpose(cotangents: list, *operands: Any, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> list:
+    unknown = [i for i, x in enumerate(operands) if ad.is_undefined_primal(x)]
+    if isinstance(kernel, Function) or not all(i >= kernel.count for i in unknown):
+        raise NotImplementedError(f"{kernel} is not linear in operands {unknown}")
+    primals, moving = operands[: kernel.count], batched[: kernel.count]
+    given = [ad.instantiate_zeros(c) for c in cotangents]
+    if isinstance(kernel, Tangent):
+        flipped = Transpose(kernel.kernel, tuple(kernel.varied[i - kernel.count] for i in unknown), kernel.count)
+        wanted = unknown
+    else:
+        flipped = Tangent(kernel.kernel, kernel.varied, kernel.count)
+        wanted = list(range(kernel.count, len(operands)))
+    if size is None:
+        results = kernel_call.bind(*primals, *given, kernel=flipped, size=None, batched=(), summed=())
+    else:
+        moving = (*moving, *(not adds for adds in summed))
+        adds = tuple(not batched[i] for i in wanted)
+        results = kernel_call.bind(*primals, *given, kernel=flipped, size=size, batched=moving, summed=adds)
+    found = dict(zip(wanted, results, strict=True))
+    return [found[i] if i in unknown else None for i in range(len(operands))]
+
+
+batching.primitive_batchers[kernel_call] = _batch
+ad.primitive_jvps[kernel_call] = _differentiate
+ad.primitive_transposes[kernel_call] = _transpose
+mlir.register_lowering(kernel_call, mlir.lower_fun(functools.partial(_run, chunk=None), multiple_results=True))
+mlir.register_lowering(kernel_call, mlir.lower_fun(functools.partial(_run, chunk=CHUNK), multiple_results=True), platform="cpu")

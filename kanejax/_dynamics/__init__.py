@@ -1,0 +1,1 @@
+"""Kane's equations: generalized forces, the mass matrix, and the equations of motion."""

@@ -1,0 +1,228 @@
+"""Solving the equations of motion link by link: F u_dot = force, in time linear in the number of links.
+
+Gauss elimination from tip to base on Kane's F of Nie (3.56), one generalized speed after the other, in the form of the
+inertia that a link has when the joints outside it move freely (Featherstone's articulated-body inertia). World axes keep the
+inertia from being rotated from link to link; it is only shifted from origin to origin. Joints with several speeds are eliminated one
+speed at a time, so that every joint type takes the same path.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from kanejax._kinematics.position import place_link, world
+from kanejax._model.joints import Axis, JointKind
+from kanejax._model.links import Links
+from kanejax._model.tree import Tree
+from kanejax._recursion import base_to_tip, join_speeds, joint_features, split_placements, split_speeds, tip_to_base
+from kanejax._scalar import (
+    SYMMETRIC_ZERO,
+    ZERO,
+    add,
+    apply,
+    apply_symmetric,
+    apply_transposed,
+    barrier,
+    column,
+    cross,
+    dot,
+    full,
+    minus,
+    mul,
+    plus,
+    rotate_symmetric,
+    scale,
+    sub,
+)
+from kanejax._types import Matrix, Scalar, Symmetric, Vector
+
+
+class Inertia(NamedTuple):
+    """Inertia about an origin: moment = rotary alpha + coupling a, force = coupling^T alpha + linear a."""
+
+    rotary: Symmetric
+    coupling: Matrix
+    linear: Symmetric
+
+
+class Wrench(NamedTuple):
+    """Moment about an origin, and force."""
+
+    moment: Vector
+    force: Vector
+
+
+class WorldLink(NamedTuple):
+    """A link in world axes: offset from its parent's origin, axes of motion, and inertia about its own origin."""
+
+    offset: Vector
+    axes: tuple[Axis, ...]
+    mass: Scalar
+    first_moment: Vector
+    inertia: Symmetric
+
+
+class Pivot(NamedTuple):
+    """What elimination keeps of one speed: its axis, and U / D, the reaction to accelerations of the base per unit D."""
+
+    axis: Axis
+    reaction: Wrench
+
+
+class Motion(NamedTuple):
+    """Rotation, angular velocity, and acceleration at zero u_dot of a link's origin, in world axes."""
+
+    rotation: Matrix
+    w: Vector
+    alpha: Vector
+    a: Vector
+
+
+def forward_dynamics(
+    tree: Tree, links: Links, gravity: jax.Array, armature: jax.Array, q: jax.Array, u: jax.Array, tau: jax.Array, unroll: int = 1
+) -> jax.Array:
+    """u_dot (nv, *batch) from forces tau applied at the joints, all of (nv, *batch)."""
+    frames = world(q)
+    root = Motion(frames.rotation, frames.position, frames.position, tuple(x - gravity[i] for i, x in enumerate(frames.position)))  # type: ignore[arg-type]
+    parts = zip(split_placements(tree, links), joint_features(tree, q), split_speeds(tree, u), strict=True)
+    moving = base_to_tip(tree, _move, root, list(parts), unroll)
+    pivots = _eliminate(tree, moving, split_speeds(tree, armature, neutral=1.0), split_speeds(tree, tau), q, unroll)
+    return _substitute(tree, [link.offset for link, _ in moving], pivots, q, unroll)
+
+
+def solve(tree: Tree, links: Links, armature: jax.Array, q: jax.Array, force: jax.Array, unroll: int = 1) -> jax.Array:
+    """F(q)^-1 force, linear in the force, all of (nv, *batch)."""
+    parts = list(zip(split_placements(tree, links), joint_features(tree, q), strict=True))
+    still = base_to_tip(tree, _stand, world(q).rotation, parts, unroll)
+    pivots = _eliminate(tree, still, split_speeds(tree, armature, neutral=1.0), split_speeds(tree, force), q, unroll)
+    return _substitute(tree, [link.offset for link, _ in still], pivots, q, unroll)
+
+
+def _stand(joint: type[JointKind], parent: Matrix, link: tuple[Links, tuple]) -> tuple[Matrix, tuple[WorldLink, Wrench]]:
+    """A link in world axes, at rest and weightless."""
+    links, features = link
+    placed = place_link(joint, parent, links, features)
+    h, inertia = barrier((apply(placed.rotation, links.first_moment), rotate_symmetric(placed.rotation, links.inertia)))
+    return placed.rotation, (WorldLink(placed.offset, placed.axes, links.mass, h, inertia), Wrench(ZERO, ZERO))
+
+
+def _move(joint: type[JointKind], parent: Motion, link: tuple[Links, tuple, tuple]) -> tuple[Motion, tuple[WorldLink, Wrench]]:
+    """Motion of a link at zero u_dot, and the wrench about its origin that this motion and gravity take."""
+    links, features, speeds = link
+    placed = place_link(joint, parent.rotation, links, features)
+    spin = plus(*(scale(speed, angular) for (angular, _), speed in zip(placed.axes, speeds, strict=True)))
+    slide = plus(*(scale(speed, linear) for (_, linear), speed in zip(placed.axes, speeds, strict=True)))
+    across = barrier(cross(parent.w, placed.offset))
+    w = plus(parent.w, spin)
+    alpha = plus(parent.alpha, cross(parent.w, spin))
+    # The axis of a sliding joint turns with the parent: Coriolis acceleration, twice.
+    a = plus(parent.a, cross(parent.alpha, placed.offset), cross(parent.w, across), scale(2.0, cross(parent.w, slide)))
+    w, alpha, a = barrier((w, alpha, a))
+    h, inertia = barrier((apply(placed.rotation, links.first_moment), rotate_symmetric(placed.rotation, links.inertia)))
+    whirl, momentum = barrier((cross(w, h), apply_symmetric(inertia, w)))
+    force = plus(scale(links.mass, a), cross(alpha, h), cross(w, whirl))
+    moment = plus(apply_symmetric(inertia, alpha), cross(w, momentum), cross(h, a))
+    still = WorldLink(placed.offset, placed.axes, links.mass, h, inertia)
+    return Motion(placed.rotation, w, alpha, a), (still, Wrench(moment, force))
+
+
+def _eliminate(tree: Tree, moving: list, armature: list, tau: list, like: jax.Array, unroll: int) -> list:
+    """Eliminate the speeds tip to base: pivots and what is left of the force on each speed, over D."""
+    zero = jnp.zeros(like.shape[1:], like.dtype)
+    nothing = jax.tree.map(lambda _: zero, (Inertia(SYMMETRIC_ZERO, (ZERO, ZERO, ZERO), SYMMETRIC_ZERO), Wrench(ZERO, ZERO)))
+    inputs = [(*rows, rotor, force) for rows, rotor, force in zip(moving, armature, tau, strict=True)]
+    return tip_to_base(tree, _eliminate_link, nothing, inputs, unroll)
+
+
+def _eliminate_link(joint: type[JointKind], outer: tuple[Inertia, Wrench], link: tuple) -> tuple:
+    body, bias, armature, tau = link
+    inertia = _add_link(outer[0], body)
+    wrench = Wrench(*(plus(x, y) for x, y in zip(outer[1], bias, strict=True)))
+    pivots, accelerations = [], []
+    for axis, rotor, force in zip(body.axes, armature, tau, strict=True):
+        # Barriers hold inertias and wrenches apart: the latter alone are linear in the forces.
+        response = barrier(_response(inertia, axis))
+        pivot = 1.0 / add(_power(axis, response), rotor)
+        reaction, pivot = barrier((Wrench(scale(pivot, response.moment), scale(pivot, response.force)), pivot))
+        left = barrier(sub(force, _power(axis, wrench)))
+        inertia = barrier(_deflate(inertia, response, reaction))
+        wrench = barrier(Wrench(plus(wrench.moment, scale(left, reaction.moment)), plus(wrench.force, scale(left, reaction.force))))
+        pivots.append(Pivot(axis, reaction))
+        accelerations.append(mul(pivot, left))
+    inward = (barrier(_shift(inertia, body.offset)), barrier(_shift_wrench(wrench, body.offset)))
+    return inward, (tuple(pivots), tuple(accelerations))
+
+
+def _substitute(tree: Tree, offsets: list, pivots: list, like: jax.Array, unroll: int) -> jax.Array:
+    """Substitute back base to tip: u_dot, which each speed owes to its own force and to the acceleration of its parent."""
+    still = world(like).position
+    inputs = list(zip(offsets, pivots, strict=True))
+    return join_speeds(tree, base_to_tip(tree, _substitute_link, (still, still), inputs, unroll))
+
+
+def _substitute_link(joint: type[JointKind], parent: tuple[Vector, Vector], link: tuple) -> tuple:
+    offset, (pivots, accelerations) = link
+    alpha, a = parent
+    a = plus(a, cross(alpha, offset))
+    rates: list[Scalar] = []
+    # The speed that was eliminated last knows only the parent; the one before it, this one too.
+    for pivot, own in reversed(list(zip(pivots, accelerations, strict=True))):
+        rate = sub(own, add(dot(pivot.reaction.moment, alpha), dot(pivot.reaction.force, a)))
+        rate = barrier(rate)
+        alpha, a = plus(alpha, scale(rate, pivot.axis[0])), plus(a, scale(rate, pivot.axis[1]))
+        rates.append(rate)
+    return barrier((alpha, a)), tuple(reversed(rates))
+
+
+def _power(axis: Axis, wrench: Wrench) -> Scalar:
+    """Power of a wrench on unit speed along an axis."""
+    return add(dot(axis[0], wrench.moment), dot(axis[1], wrench.force))
+
+
+def _add_link(inertia: Inertia, link: WorldLink) -> Inertia:
+    hx, hy, hz = link.first_moment
+    (c00, c01, c02), (c10, c11, c12), (c20, c21, c22) = inertia.coupling
+    coupling = ((c00, c01 - hz, c02 + hy), (c10 + hz, c11, c12 - hx), (c20 - hy, c21 + hx, c22))
+    xx, yy, zz, xy, xz, yz = inertia.linear
+    linear = (xx + link.mass, yy + link.mass, zz + link.mass, xy, xz, yz)
+    return Inertia(plus(inertia.rotary, link.inertia), coupling, linear)
+
+
+def _response(inertia: Inertia, axis: Axis) -> Wrench:
+    """Wrench for unit acceleration along an axis."""
+    angular, linear = axis
+    moment = plus(apply_symmetric(inertia.rotary, angular), apply(inertia.coupling, linear))
+    return Wrench(moment, plus(apply_transposed(inertia.coupling, angular), apply_symmetric(inertia.linear, linear)))
+
+
+def _deflate(inertia: Inertia, response: Wrench, reaction: Wrench) -> Inertia:
+    """Inertia once a speed moves freely: less U U^T / D."""
+    rotary = minus(inertia.rotary, _outer(response.moment, reaction.moment))
+    linear = minus(inertia.linear, _outer(response.force, reaction.force))
+    coupling = tuple(minus(row, scale(x, reaction.force)) for row, x in zip(inertia.coupling, response.moment, strict=True))
+    return Inertia(rotary, coupling, linear)  # type: ignore[arg-type]
+
+
+def _outer(a: Vector, b: Vector) -> Symmetric:
+    """Symmetric product a b^T, for b parallel to a."""
+    return (mul(a[0], b[0]), mul(a[1], b[1]), mul(a[2], b[2]), mul(a[0], b[1]), mul(a[0], b[2]), mul(a[1], b[2]))
+
+
+def _shift(inertia: Inertia, offset: Vector) -> Inertia:
+    """The same inertia about the parent's origin, from which `offset` points to the present one."""
+    linear = full(inertia.linear)
+    lifted = tuple(cross(offset, column(linear, j)) for j in range(3))
+    coupling = barrier(tuple(tuple(add(inertia.coupling[i][j], lifted[j][i]) for j in range(3)) for i in range(3)))
+    across = tuple(cross(offset, row) for row in inertia.coupling)
+    back = tuple(cross(row, offset) for row in coupling)
+
+    def entry(i: int, j: int) -> Scalar:
+        return sub(across[j][i], back[i][j])
+
+    gain = (entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2))
+    return Inertia(plus(inertia.rotary, gain), coupling, inertia.linear)  # type: ignore[arg-type]
+
+
+def _shift_wrench(wrench: Wrench, offset: Vector) -> Wrench:
+    return Wrench(plus(wrench.moment, cross(offset, wrench.force)), wrench.force)

@@ -1,0 +1,164 @@
+"""The equations of motion: F(q) u_dot + bias(q, u) = tau + what springs, dampers and friction apply.
+
+Functions take the model and one state; `jax.vmap` makes a batch of them.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from kanejax import _batching
+from kanejax._dynamics import articulated_inertia
+from kanejax._dynamics.active_force import passive_force as _passive_force
+from kanejax._dynamics.inertia_force import inertia_force
+from kanejax._model.model import Model
+from kanejax._model.prepared import Prepared, displacement, prepare
+from kanejax._model.tree import Tree
+from kanejax._types import Coordinates, Forces, Speeds
+
+
+def inverse_dynamics(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds) -> Forces:
+    """Forces at the joints that make the mechanism move with the given accelerations.
+
+    MuJoCo's `qfrc_inverse`, contacts and constraints aside: F(q) u_dot + bias(q, u) less the forces of springs, dampers
+    and friction. Nie (3.62), where the driving forces are what balances generalized inertia forces and gravity.
+
+    Args:
+        model: the mechanism.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+        u: generalized speeds, MuJoCo's qvel.
+        u_dot: their rates.
+
+    Returns:
+        Force [N] or torque [N m] on each generalized speed.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
+    check_state(model, q=q, u=u, u_dot=u_dot)
+    return evaluate(_inverse_dynamics, model, q, u, u_dot)
+
+
+def forward_dynamics(model: Model, q: Coordinates, u: Speeds, tau: Forces) -> Speeds:
+    """Rates of the generalized speeds under forces at the joints.
+
+    MuJoCo's `qacc`, contacts and constraints aside. Order-N elimination; derivatives come from implicit differentiation of the
+    equations of motion, not from differentiating the elimination.
+
+    Args:
+        model: the mechanism.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+        u: generalized speeds, MuJoCo's qvel.
+        tau: force [N] or torque [N m] on each generalized speed.
+
+    Returns:
+        u_dot.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
+    check_state(model, q=q, u=u, tau=tau)
+    return evaluate(_forward_dynamics, model, q, u, tau)
+
+
+def bias_force(model: Model, q: Coordinates, u: Speeds) -> Forces:
+    """Forces that hold the speeds constant without springs, dampers and friction: MuJoCo's `qfrc_bias`, sign included."""
+    check_state(model, q=q, u=u)
+    return evaluate(_bias_force, model, q, u)
+
+
+def gravity_force(model: Model, q: Coordinates) -> Forces:
+    """Generalized active force of gravity, Nie (3.54): minus the bias force at rest."""
+    check_state(model, q=q)
+    return -evaluate(_bias_force, model, q, jnp.zeros(model.nv, q.dtype))
+
+
+def passive_force(model: Model, q: Coordinates, u: Speeds) -> Forces:
+    """Generalized active force of springs, dampers and smoothed friction: MuJoCo's `qfrc_passive`, and the friction."""
+    check_state(model, q=q, u=u)
+    return evaluate(_passive_force, model, q, u)
+
+
+def generalized_inertia_force(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds) -> Forces:
+    """Kane's F*_r, Nie (3.46), rotor inertias included: -(F(q) u_dot + bias(q, u)) with gravity left out."""
+    check_state(model, q=q, u=u, u_dot=u_dot)
+    return evaluate(_inertia_force, model, q, u, u_dot)
+
+
+def generalized_active_force(model: Model, q: Coordinates, u: Speeds, tau: Forces) -> Forces:
+    """Kane's F_r, Nie (3.50): gravity, springs, dampers, friction, and the forces at the joints."""
+    return tau + gravity_force(model, q) + passive_force(model, q, u)
+
+
+def check_state(model: Model, **state: Any) -> None:
+    """Compare shapes and data types of a state with the model's.
+
+    Raises:
+        ValueError: naming the argument, its shape or type, and what it should be.
+    """
+    for name, value in state.items():
+        size = model.nq if name == "q" else model.nv
+        shape, dtype = jnp.shape(value), jnp.result_type(value)
+        if shape != (size,):
+            label = "nq" if name == "q" else "nv"
+            hint = " (batches go through jax.vmap)" if len(shape) > 1 else ""
+            raise ValueError(f"{name} has shape {shape}, but this model needs ({size},) = ({label},){hint}")
+        if dtype not in (jnp.float32, jnp.float64):
+            raise ValueError(f"{name} has dtype {dtype}; use float32 or float64")
+
+
+def evaluate(function: Callable[..., jax.Array], model: Model, *state: jax.Array) -> jax.Array:
+    """Evaluate `function(tree, prepared, *state)`, written for trailing batch axes, through the primitive that batches it."""
+    prepared = prepare(model)
+    dtype = jnp.result_type(model.dtype, *state)
+    operands, structure = jax.tree.flatten((prepared, state))
+    static = (function, model.tree, structure)
+    (result,) = _batching.call(_unflatten, static, tuple(jnp.asarray(x, dtype) for x in operands))
+    return result
+
+
+def _unflatten(function: Callable, tree: Tree, structure: jax.tree_util.PyTreeDef, *operands: jax.Array) -> tuple[jax.Array]:
+    prepared, state = jax.tree.unflatten(structure, operands)
+    batch = jnp.broadcast_shapes(*(x.shape[1:] for x in operands))
+    return (function(tree, prepared, *(jnp.broadcast_to(x, x.shape[:1] + batch) for x in state)),)
+
+
+def _inverse_dynamics(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, u_dot: jax.Array) -> jax.Array:
+    dynamic = inertia_force(tree, prepared.links, prepared.gravity, displacement(tree, prepared, q), u, u_dot)
+    return dynamic + prepared.armature * u_dot - _passive_force(tree, prepared, q, u)
+
+
+def _bias_force(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array) -> jax.Array:
+    return inertia_force(tree, prepared.links, prepared.gravity, displacement(tree, prepared, q), u, jnp.zeros_like(u))
+
+
+def _inertia_force(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, u_dot: jax.Array) -> jax.Array:
+    weightless = jnp.zeros_like(prepared.gravity)
+    dynamic = inertia_force(tree, prepared.links, weightless, displacement(tree, prepared, q), u, u_dot)
+    return -dynamic - prepared.armature * u_dot
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _forward_dynamics(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, tau: jax.Array) -> jax.Array:
+    force = tau + _passive_force(tree, prepared, q, u)
+    relative = displacement(tree, prepared, q)
+    armature = jnp.broadcast_to(prepared.armature, u.shape)
+    return articulated_inertia.forward_dynamics(tree, prepared.links, prepared.gravity, armature, relative, u, force)
+
+
+@_forward_dynamics.defjvp
+def _implicit_derivative(tree: Tree, primals: tuple, tangents: tuple) -> tuple[jax.Array, jax.Array]:
+    """Differentiate inverse_dynamics(q, u, u_dot) = tau: F u_dot' = tau' - what the force changes at fixed u_dot."""
+    prepared, q, u, tau = primals
+    u_dot = _forward_dynamics(tree, prepared, q, u, tau)
+
+    def needed(prepared: Prepared, q: jax.Array, u: jax.Array) -> jax.Array:
+        return _inverse_dynamics(tree, prepared, q, u, u_dot)
+
+    change = jax.jvp(needed, (prepared, q, u), tangents[:3])[1]
+    armature = jnp.broadcast_to(prepared.armature, u.shape)
+    rate = articulated_inertia.solve(tree, prepared.links, armature, displacement(tree, prepared, q), tangents[3] - change)
+    return u_dot, rate

@@ -1,0 +1,113 @@
+"""From a URDF or MJCF file, XML text or an MjSpec to a compiled MuJoCo model and a report of what was left out."""
+
+import dataclasses
+import os
+from pathlib import Path
+
+import mujoco
+
+from kanejax._errors import ModelFileError, UnsupportedModelError
+from kanejax._io.assets import one_line
+from kanejax._io.flags import with_flags_applied
+from kanejax._io.inertial import Inertial
+from kanejax._io.repair import compile_with_stated_inertias
+from kanejax._io.unsupported import refused_features, unmodelled_features
+from kanejax._io.urdf import prepared_urdf
+from kanejax._io.xml_text import parsed_xml
+
+
+@dataclasses.dataclass(frozen=True)
+class CompiledSource:
+    """A compiled model with every link of its file as a body, and what differs from the file.
+
+    `mj_model` carries the masses and inertias that the file states, also where MuJoCo alone would refuse them;
+    `inertials` repeats those, by body id. `ignored` has a sentence for each feature of the file that is not modelled,
+    `repaired` one for each number that was changed.
+    """
+
+    mj_model: mujoco.MjModel
+    inertials: dict[int, Inertial]
+    ignored: tuple[str, ...]
+    repaired: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Opened:
+    """A spec before compiling, the name of its origin for errors, and the sentences so far."""
+
+    spec: mujoco.MjSpec
+    origin: str
+    refused: tuple[str, ...] = ()
+    ignored: tuple[str, ...] = ()
+    repaired: tuple[str, ...] = ()
+
+
+def compile_source(
+    source: str | os.PathLike | mujoco.MjSpec,
+    *,
+    strict: bool = True,
+    repair: bool = False,
+    allow_unphysical: bool = False,
+) -> CompiledSource:
+    """Compile a path to a URDF or MJCF file, a string of such XML, or an MjSpec, which is left as it is.
+
+    With `strict`, a feature that changes the dynamics and is not modelled raises UnsupportedModelError; without, it is
+    listed in `ignored`. A body's numbers that no rigid body can have, or that leave the mass matrix singular, raise
+    InvalidInertiaError; `repair` changes them by the least that helps and lists each change, `allow_unphysical` keeps
+    those that leave the mass matrix regular and warns with UnphysicalInertiaWarning. Raises ModelFileError for
+    anything else that is wrong with the file. Mesh files are not needed unless the inertia of a moving body comes from
+    them.
+    """
+    opened = _opened(source, repair)
+    opened.spec.compiler.fusestatic = False
+    result = compile_with_stated_inertias(opened.spec, opened.origin, repair=repair, allow_unphysical=allow_unphysical)
+    mj_model = with_flags_applied(result.mj_model)
+    refused = (*opened.refused, *refused_features(mj_model))
+    if strict and refused:
+        raise UnsupportedModelError(
+            f"{opened.origin}: not modelled: {'; '.join(refused)}. "
+            "Remove it from the file, or load with strict=False to ignore it"
+        )
+    ignored = (*refused, *opened.ignored, *result.ignored, *unmodelled_features(mj_model))
+    return CompiledSource(mj_model, result.inertials, ignored, (*opened.repaired, *result.repaired))
+
+
+def _opened(source: str | os.PathLike | mujoco.MjSpec, repair: bool) -> _Opened:
+    if isinstance(source, mujoco.MjSpec):
+        return _Opened(source.copy(), "MjSpec")
+    path = None if isinstance(source, str) and source.lstrip().startswith("<") else Path(source)
+    origin = "XML string" if path is None else str(path)
+    data = _declaration_first(source) if path is None else _read(path)
+    root = parsed_xml(data, origin)
+    if root.tag == "robot":
+        prepared = prepared_urdf(root, origin, repair=repair)
+        spec = _spec(prepared.xml, None, origin)
+        return _Opened(spec, origin, prepared.refused, prepared.ignored, prepared.repaired)
+    if root.tag == "mujoco":
+        return _Opened(_spec(data if path is None else "", path, origin), origin)
+    raise ModelFileError(
+        f"{origin}: the root element is <{root.tag}>; a URDF starts with <robot>, an MJCF with <mujoco>"
+    )
+
+
+def _declaration_first(xml: str) -> str:
+    """Remove what stands before an XML declaration; without one, keep the text, so that line numbers stay."""
+    return xml.lstrip() if xml.lstrip().startswith("<?xml") else xml
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise ModelFileError(
+            f"{str(path)[:200]}: cannot be read ({reason}); give a path to a URDF or MJCF file, or the XML itself"
+        ) from error
+
+
+def _spec(xml: str, path: Path | None, origin: str) -> mujoco.MjSpec:
+    """Let MuJoCo read a file, so that it finds what the file includes, or else a string."""
+    try:
+        return mujoco.MjSpec.from_string(xml) if path is None else mujoco.MjSpec.from_file(str(path))
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
+        raise ModelFileError(f"{origin}: MuJoCo cannot read the model: {one_line(error)}") from error

@@ -1,0 +1,48 @@
+"""Reading XML text safely: no DOCTYPE or ENTITY declarations, line numbers in errors, numbers checked by name."""
+
+import math
+import xml.parsers.expat
+from xml.etree import ElementTree
+
+from kanejax._errors import ModelFileError
+
+
+def parsed_xml(data: bytes | str, origin: str) -> ElementTree.Element:
+    """Parse XML from `data`; `origin` names the file in errors.
+
+    Raises ModelFileError for malformed XML, with its line, and for any DOCTYPE: entity definitions can expand without
+    bound.
+    """
+
+    def refuse_doctype(*_: object) -> None:
+        raise ModelFileError(f"{origin}: the XML has a DOCTYPE declaration, which is not accepted; remove it")
+
+    checker = xml.parsers.expat.ParserCreate()
+    checker.StartDoctypeDeclHandler = refuse_doctype
+    try:
+        # The whole text is checked before the tree is built, so that no entity is ever expanded.
+        checker.Parse(data, True)
+    except xml.parsers.expat.ExpatError as error:
+        raise ModelFileError(f"{origin}: line {error.lineno} is not well-formed XML: {error}") from error
+    return ElementTree.fromstring(data)
+
+
+def text_of(element: ElementTree.Element, attribute: str, owner: str) -> str:
+    """Return a required attribute; `owner` names the element in the error."""
+    value = element.get(attribute, "").strip()
+    if not value:
+        raise ModelFileError(f"{owner}: <{element.tag}> lacks {attribute}=...; write it")
+    return value
+
+
+def numbers_of(element: ElementTree.Element, attribute: str, count: int, owner: str) -> list[float]:
+    """Return `count` finite numbers of a required attribute; `owner` names the element in the error."""
+    value = text_of(element, attribute, owner)
+    try:
+        numbers = [float(word) for word in value.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
+        expected = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise ModelFileError(f"{owner}: <{element.tag} {attribute}={value!r}> is not {expected}; correct it")
+    return numbers

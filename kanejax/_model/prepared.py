@@ -1,0 +1,48 @@
+"""What the recursions need of a model, computed from its leaves once for a whole batch of states."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from kanejax._model.links import Links, link_parameters
+from kanejax._model.model import Model
+from kanejax._model.tree import COORDINATES, Tree
+
+
+class Prepared(NamedTuple):
+    """Link parameters, gravity, and the parameters of joints and speeds, with trailing batch axes."""
+
+    links: Links
+    gravity: jax.Array
+    armature: jax.Array
+    damping: jax.Array
+    stiffness: jax.Array
+    spring_reference: jax.Array
+    coordinate_reference: jax.Array
+    coulomb_friction: jax.Array
+    friction_width: jax.Array
+
+
+def prepare(model: Model) -> Prepared:
+    """Compute the parameters of the links from those of the bodies and joints."""
+    turns_or_slides = np.repeat(
+        [COORDINATES[kind] == 1 for kind in model.tree.joint_types], [COORDINATES[kind] for kind in model.tree.joint_types]
+    )
+    return Prepared(
+        link_parameters(model),
+        model.gravity,
+        model.armature,
+        model.damping,
+        model.stiffness,
+        model.spring_reference,
+        jnp.where(turns_or_slides, model.coordinate_reference, 0.0),
+        model.coulomb_friction,
+        model.friction_width,
+    )
+
+
+def displacement(tree: Tree, prepared: Prepared, q: jax.Array) -> jax.Array:
+    """Coordinates relative to the pose that the body placements describe; ball and free joints have absolute ones."""
+    return q - prepared.coordinate_reference
