@@ -4,18 +4,18 @@ Functions take the model and one state; `jax.vmap` makes a batch of them.
 """
 
 import functools
-from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from kanejax import _batching
 from kanejax._dynamics import articulated_inertia
 from kanejax._dynamics.active_force import passive_force as _passive_force
 from kanejax._dynamics.inertia_force import inertia_force
+from kanejax._dynamics.mass_matrix import mass_matrix as _mass_matrix_of_links
+from kanejax._evaluate import check_state, evaluate
 from kanejax._model.model import Model
-from kanejax._model.prepared import Prepared, displacement, prepare
+from kanejax._model.prepared import Prepared, displacement
 from kanejax._model.tree import Tree
 from kanejax._types import Coordinates, Forces, Speeds
 
@@ -64,6 +64,12 @@ def forward_dynamics(model: Model, q: Coordinates, u: Speeds, tau: Forces) -> Sp
     return evaluate(_forward_dynamics, model, q, u, tau)
 
 
+def mass_matrix(model: Model, q: Coordinates) -> Float[Array, "nv nv"]:
+    """Kane's F, Nie (3.56): the kinetic energy is u . F u / 2. MuJoCo's `M` (full), armature included."""
+    check_state(model, q=q)
+    return evaluate(_mass_matrix, model, q)
+
+
 def bias_force(model: Model, q: Coordinates, u: Speeds) -> Forces:
     """Forces that hold the speeds constant without springs, dampers and friction: MuJoCo's `qfrc_bias`, sign included."""
     check_state(model, q=q, u=u)
@@ -93,42 +99,13 @@ def generalized_active_force(model: Model, q: Coordinates, u: Speeds, tau: Force
     return tau + gravity_force(model, q) + passive_force(model, q, u)
 
 
-def check_state(model: Model, **state: Any) -> None:
-    """Compare shapes and data types of a state with the model's.
-
-    Raises:
-        ValueError: naming the argument, its shape or type, and what it should be.
-    """
-    for name, value in state.items():
-        size = model.nq if name == "q" else model.nv
-        shape, dtype = jnp.shape(value), jnp.result_type(value)
-        if shape != (size,):
-            label = "nq" if name == "q" else "nv"
-            hint = " (batches go through jax.vmap)" if len(shape) > 1 else ""
-            raise ValueError(f"{name} has shape {shape}, but this model needs ({size},) = ({label},){hint}")
-        if dtype not in (jnp.float32, jnp.float64):
-            raise ValueError(f"{name} has dtype {dtype}; use float32 or float64")
-
-
-def evaluate(function: Callable[..., jax.Array], model: Model, *state: jax.Array) -> jax.Array:
-    """Evaluate `function(tree, prepared, *state)`, written for trailing batch axes, through the primitive that batches it."""
-    prepared = prepare(model)
-    dtype = jnp.result_type(model.dtype, *state)
-    operands, structure = jax.tree.flatten((prepared, state))
-    static = (function, model.tree, structure)
-    (result,) = _batching.call(_unflatten, static, tuple(jnp.asarray(x, dtype) for x in operands))
-    return result
-
-
-def _unflatten(function: Callable, tree: Tree, structure: jax.tree_util.PyTreeDef, *operands: jax.Array) -> tuple[jax.Array]:
-    prepared, state = jax.tree.unflatten(structure, operands)
-    batch = jnp.broadcast_shapes(*(x.shape[1:] for x in operands))
-    return (function(tree, prepared, *(jnp.broadcast_to(x, x.shape[:1] + batch) for x in state)),)
-
-
 def _inverse_dynamics(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, u_dot: jax.Array) -> jax.Array:
     dynamic = inertia_force(tree, prepared.links, prepared.gravity, displacement(tree, prepared, q), u, u_dot)
     return dynamic + prepared.armature * u_dot - _passive_force(tree, prepared, q, u)
+
+
+def _mass_matrix(tree: Tree, prepared: Prepared, q: jax.Array) -> jax.Array:
+    return _mass_matrix_of_links(tree, prepared.links, prepared.armature, displacement(tree, prepared, q))
 
 
 def _bias_force(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array) -> jax.Array:

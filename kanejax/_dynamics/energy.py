@@ -1,0 +1,76 @@
+"""Energies and momenta."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from kanejax._dynamics.active_force import rotation_between
+from kanejax._dynamics.inertia_force import inertia_force
+from kanejax._dynamics.kane import world_inertia
+from kanejax._evaluate import check_state, evaluate
+from kanejax._kinematics.partial_velocity import partial_velocities
+from kanejax._kinematics.pose import poses
+from kanejax._model.model import Model
+from kanejax._model.prepared import Prepared, displacement
+from kanejax._model.tree import COORDINATES, Tree
+from kanejax._types import Coordinates, Speeds
+
+
+class Momentum(NamedTuple):
+    """Linear momentum [kg m/s], and angular momentum [kg m^2/s] about a point, in world axes."""
+
+    linear: Float[Array, "3"]
+    angular: Float[Array, "3"]
+
+
+def kinetic_energy(model: Model, q: Coordinates, u: Speeds) -> Float[Array, ""]:
+    """u . F(q) u / 2 [J], rotor inertias included; MuJoCo's second entry of `energy`."""
+    check_state(model, q=q, u=u)
+    momentum = evaluate(_generalized_momentum, model, q, u)
+    return 0.5 * jnp.dot(u, momentum, precision="highest")
+
+
+def potential_energy(model: Model, q: Coordinates) -> Float[Array, ""]:
+    """Energy [J] of gravity, zero with all mass centres at the world's origin, and of springs; MuJoCo's first of `energy`."""
+    check_state(model, q=q)
+    heights = poses(model, q).com @ model.gravity
+    return -jnp.dot(model.mass, heights, precision="highest") + spring_energy(model, q)
+
+
+def spring_energy(model: Model, q: Coordinates) -> Float[Array, ""]:
+    """Energy [J] stored in the joints' springs: stiffness times the squared displacement, halved."""
+    check_state(model, q=q)
+    reference, squared = model.spring_reference, []
+    for kind, start in zip(model.tree.joint_types, model.tree.q_start, strict=True):
+        turn_start = start + COORDINATES[kind] - 4
+        slides = 1 if kind in ("revolute", "prismatic") else 3 if kind == "free" else 0
+        total = sum((q[start + i] - reference[start + i]) ** 2 for i in range(slides))
+        if kind in ("ball", "free"):
+            turn = rotation_between([reference[turn_start + i] for i in range(4)], [q[turn_start + i] for i in range(4)])
+            total = total + sum(x * x for x in turn)
+        squared.append(total)
+    return 0.5 * jnp.dot(model.stiffness, jnp.stack(squared), precision="highest")
+
+
+def momentum(model: Model, q: Coordinates, u: Speeds, point: Float[Array, "3"] | None = None) -> Momentum:
+    """Linear momentum, and angular momentum about `point` (the common mass centre if left out), in world axes."""
+    check_state(model, q=q, u=u)
+    at, partial = poses(model, q), partial_velocities(model, q)
+    w, v = jnp.einsum("kri,r->ki", partial.angular, u), jnp.einsum("kri,r->ki", partial.linear, u)
+    linear = model.mass[:, None] * v
+    about = center_of_mass(model, q) if point is None else point
+    spin = jnp.einsum("kij,kj->ki", world_inertia(model, q), w)
+    return Momentum(linear.sum(0), (jnp.cross(at.com - about[None, :], linear) + spin).sum(0))
+
+
+def center_of_mass(model: Model, q: Coordinates) -> Float[Array, "3"]:
+    """Mass centre of all bodies [m], in world axes."""
+    return model.mass @ poses(model, q).com / model.mass.sum()
+
+
+def _generalized_momentum(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array) -> jax.Array:
+    """F(q) u, as the inertia force of accelerations u at rest."""
+    still, weightless = jnp.zeros_like(u), jnp.zeros_like(prepared.gravity)
+    return inertia_force(tree, prepared.links, weightless, displacement(tree, prepared, q), still, u) + prepared.armature * u

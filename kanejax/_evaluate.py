@@ -1,0 +1,51 @@
+"""How public functions reach the kernels: check, prepare the parameters of the links once, call the batching primitive."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from kanejax import _batching
+from kanejax._model.model import Model
+from kanejax._model.prepared import Prepared, prepare
+from kanejax._model.tree import Tree
+
+
+def check_state(model: Model, **state: Any) -> None:
+    """Compare shapes and data types of a state with the model's.
+
+    Raises:
+        ValueError: naming the argument, its shape or type, and what it should be.
+    """
+    for name, value in state.items():
+        size = model.nq if name == "q" else model.nv
+        shape, dtype = jnp.shape(value), jnp.result_type(value)
+        if shape != (size,):
+            label = "nq" if name == "q" else "nv"
+            hint = " (batches go through jax.vmap)" if len(shape) > 1 else ""
+            raise ValueError(f"{name} has shape {shape}, but this model needs ({size},) = ({label},){hint}")
+        if dtype not in (jnp.float32, jnp.float64):
+            raise ValueError(f"{name} has dtype {dtype}; use float32 or float64")
+        if dtype != model.dtype:
+            raise ValueError(f"{name} has dtype {dtype}, but the model has {model.dtype}; convert one, e.g. model.astype({dtype})")
+
+
+def evaluate(function: Callable[..., Any], model: Model, *state: jax.Array) -> Any:
+    """Evaluate the kernel `function(tree, prepared, *state)`, which is written for trailing batch axes."""
+    return evaluate_prepared(function, model.tree, prepare(model), *state)
+
+
+def evaluate_prepared(function: Callable[..., Any], tree: Tree, prepared: Prepared, *state: jax.Array) -> Any:
+    """The same with parameters that were prepared before, for many evaluations on one model."""
+    operands, structure = jax.tree.flatten((prepared, tuple(jnp.asarray(x) for x in state)))
+    results = _batching.call(_unflatten, (function, tree, structure), tuple(operands))
+    return results[0] if len(results) == 1 else tuple(results)
+
+
+def _unflatten(function: Callable, tree: Tree, structure: jax.tree_util.PyTreeDef, *operands: jax.Array) -> tuple:
+    prepared, state = jax.tree.unflatten(structure, operands)
+    # Operands have one leading axis, but for those without any; what follows it is the batch.
+    batch = jnp.broadcast_shapes(*(x.shape[1:] for x in operands))
+    result = function(tree, prepared, *(jnp.broadcast_to(x, x.shape[:1] + batch) for x in state))
+    return result if isinstance(result, tuple) else (result,)

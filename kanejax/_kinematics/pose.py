@@ -1,0 +1,63 @@
+"""Where bodies and links are: the public side of `position`."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from kanejax._evaluate import check_state, evaluate
+from kanejax._kinematics.position import world_frames
+from kanejax._model.links import Frames, body_frames
+from kanejax._model.model import Model
+from kanejax._model.prepared import Prepared, displacement
+from kanejax._model.tree import WORLD, Tree
+from kanejax._types import Coordinates
+
+
+class Poses(NamedTuple):
+    """Orientation and position, in world axes, of every body and link.
+
+    Attributes:
+        rotation: from body to world components.
+        origin: of the body's frame.
+        com: mass centre of the body.
+        link_rotation: from link to world components; a link's z axis is the axis of its joint.
+        link_origin: of the link's frame, which is the joint's anchor.
+    """
+
+    rotation: Float[Array, "nbody 3 3"]
+    origin: Float[Array, "nbody 3"]
+    com: Float[Array, "nbody 3"]
+    link_rotation: Float[Array, "njoint 3 3"]
+    link_origin: Float[Array, "njoint 3"]
+
+
+def poses(model: Model, q: Coordinates) -> Poses:
+    """Orientations and positions of all bodies: MuJoCo's `xmat`, `xpos` and `xipos`, the world left out.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
+    check_state(model, q=q)
+    link_rotation, link_origin = evaluate(_link_frames, model, q)
+    local = body_frames(model)
+    carrier = [link for link in model.tree.body_links]
+    turned = jnp.stack([jnp.eye(3, dtype=link_rotation.dtype), *link_rotation])
+    moved = jnp.stack([jnp.zeros(3, link_origin.dtype), *link_origin])
+    row = jnp.array([link - WORLD for link in carrier])
+    rotation = jnp.einsum("kij,kjl->kil", turned[row], _matrix(local), precision="highest")
+    offset = jnp.stack(local.position, -1)
+    origin = moved[row] + jnp.einsum("kij,kj->ki", turned[row], offset, precision="highest")
+    com = origin + jnp.einsum("kij,kj->ki", rotation, model.com.astype(rotation.dtype), precision="highest")
+    return Poses(rotation, origin, com, link_rotation, link_origin)
+
+
+def _matrix(frames: Frames) -> Float[Array, "n 3 3"]:
+    return jnp.stack([jnp.stack(row, -1) for row in frames.rotation], -2)
+
+
+def _link_frames(tree: Tree, prepared: Prepared, q: jax.Array) -> tuple[jax.Array, jax.Array]:
+    frames = world_frames(tree, prepared.links, displacement(tree, prepared, q))
+    rotation, position = jax.lax.optimization_barrier(tuple(frames))
+    return jnp.stack([jnp.stack(row, 1) for row in rotation], 1), jnp.stack(position, 1)
