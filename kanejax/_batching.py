@@ -147,13 +147,15 @@ def _run(*operands: jax.Array, kernel: Any, size: int | None, batched: tuple, su
 def _run_chunk(operands: Any, kernel: Any, size: int, batched: tuple, summed: tuple) -> list[jax.Array]:
     """Evaluate with the batch moved from the first axis to the last and back."""
     inner = [jnp.moveaxis(x, 0, -1) if moves else x[..., None] for x, moves in zip(operands, batched, strict=True)]
+    # Barriers keep the transpositions out of the kernel's loops, which would not vectorise with them.
+    inner = lax.optimization_barrier(inner)
     owners = kernel.owners(len(inner))
     if owners is not None:
         # A gradient for each member of the batch needs a copy of what it is the gradient of for each.
         for owner, adds in zip(owners, summed, strict=True):
             if not adds and not batched[owner]:
                 inner[owner] = jnp.broadcast_to(inner[owner], inner[owner].shape[:-1] + (size,))
-    results = kernel(*inner)
+    results = lax.optimization_barrier(kernel(*inner))
     return [
         jnp.sum(r, -1) if adds else jnp.moveaxis(jnp.broadcast_to(r, r.shape[:-1] + (size,)), -1, 0)
         for r, adds in zip(results, summed, strict=True)
