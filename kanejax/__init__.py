@@ -26,13 +26,22 @@ from kanejax._dynamics.wrench import (
     joint_reactions as joint_reactions,
 )
 from kanejax._errors import (
+    IgnoredFeatureWarning as IgnoredFeatureWarning,
     InvalidInertiaError as InvalidInertiaError,
+    InvalidParameterError as InvalidParameterError,
     KanejaxError as KanejaxError,
     ModelFileError as ModelFileError,
+    RepairedModelWarning as RepairedModelWarning,
     UnknownNameError as UnknownNameError,
     UnphysicalInertiaWarning as UnphysicalInertiaWarning,
     UnsupportedModelError as UnsupportedModelError,
 )
+from kanejax._io.check import check_model as check_model
+from kanejax._io.dh import DHLink as DHLink, from_dh as from_dh
+from kanejax._io.export import to_mjcf as to_mjcf, to_mujoco as to_mujoco
+from kanejax._io.load import LoadReport as LoadReport, load as load, load_report as load_report
+from kanejax._io.mujoco import from_mujoco as from_mujoco
+from kanejax._io.urdf_inertials import to_urdf_inertials as to_urdf_inertials
 from kanejax._kinematics.partial_velocity import (
     PartialVelocities as PartialVelocities,
     partial_velocities as partial_velocities,
@@ -41,3 +50,14 @@ from kanejax._kinematics.partial_velocity import (
 from kanejax._kinematics.pose import Poses as Poses, poses as poses
 from kanejax._model.model import Model as Model
 from kanejax._model.tree import Tree as Tree
+from kanejax._simulate.batch import SimulationInterrupted as SimulationInterrupted, simulate_batch as simulate_batch
+from kanejax._simulate.beta_scheme import BetaScheme as BetaScheme
+from kanejax._simulate.control import TorqueTable as TorqueTable
+from kanejax._simulate.events import JointLimitBounce as JointLimitBounce, StateEvent as StateEvent
+from kanejax._simulate.quaternion import coordinate_rates as coordinate_rates
+from kanejax._simulate.simulate import simulate as simulate
+from kanejax._simulate.trajectory import (
+    SimulationError as SimulationError,
+    Status as Status,
+    Trajectory as Trajectory,
+)

@@ -1,6 +1,11 @@
 """The exceptions and warnings that the library raises."""
 
+import os
+import pathlib
+import warnings
 from collections.abc import Iterable
+
+_PACKAGE_FOLDER = str(pathlib.Path(__file__).parent) + os.sep
 
 
 class KanejaxError(Exception):
@@ -17,6 +22,10 @@ class UnsupportedModelError(KanejaxError, ValueError):
 
 class InvalidInertiaError(KanejaxError, ValueError):
     """A body's mass or inertia cannot belong to a rigid body, or leaves the mass matrix singular."""
+
+
+class InvalidParameterError(KanejaxError, ValueError):
+    """A parameter of a model is not finite, or lies where the dynamics are not defined."""
 
 
 class UnknownNameError(KanejaxError, KeyError):
@@ -39,6 +48,19 @@ class UnknownNameError(KanejaxError, KeyError):
 
 class UnphysicalInertiaWarning(UserWarning):
     """A body's inertia breaks a physical inequality and was kept at the caller's request."""
+
+
+class IgnoredFeatureWarning(UserWarning):
+    """A model has a feature that enters its dynamics, and it was left out at the caller's request."""
+
+
+class RepairedModelWarning(UserWarning):
+    """Numbers of a model differ from those that its file states."""
+
+
+def warn_caller(message: str, category: type[Warning]) -> None:
+    """Warn at the line, outside of the library, that called it."""
+    warnings.warn(message, category, stacklevel=2, skip_file_prefixes=(_PACKAGE_FOLDER,))
 
 
 def _rebuild_unknown_name(message: str) -> UnknownNameError:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from kanejax import _batching
 from kanejax._model.model import Model
-from kanejax._model.prepared import Prepared, prepare
+from kanejax._model.prepared import Prepared, batch_shape, prepare
 from kanejax._model.tree import Tree
 
 
@@ -45,7 +45,6 @@ def evaluate_prepared(function: Callable[..., Any], tree: Tree, prepared: Prepar
 
 def _unflatten(function: Callable, tree: Tree, structure: jax.tree_util.PyTreeDef, *operands: jax.Array) -> tuple:
     prepared, state = jax.tree.unflatten(structure, operands)
-    # Operands have one leading axis, but for those without any; what follows it is the batch.
-    batch = jnp.broadcast_shapes(*(x.shape[1:] for x in operands))
+    batch = jnp.broadcast_shapes(batch_shape(prepared), *(x.shape[1:] for x in state))
     result = function(tree, prepared, *(jnp.broadcast_to(x, x.shape[:1] + batch) for x in state))
     return result if isinstance(result, tuple) else (result,)

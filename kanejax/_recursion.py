@@ -1,257 +1,220 @@
-"""Sweeps over the links of a tree, base to tip and tip to base.
+"""Sweeps over the links of a tree, base to tip and tip to base, in scalar form.
 
-The tree is cut into chains without branches; each chain is one `lax.scan` over its links, whose carry and inputs are tuples
-of scalars. Chains of the same kind that start equally deep in the tree, such as legs or fingers, run as one more axis of one scan.
-So the program has a few loops whatever the number of bodies, compiles in about a second, and runs in time linear in it.
+Each segment of the plan is one `lax.scan` over its links, whose carry and inputs are tuples of scalars. So a program has a
+few loops whatever the number of bodies, compiles in about a second, and runs in time linear in it.
 """
 
-import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from kanejax._model.joints import KINDS, JointKind
-from kanejax._model.links import Links, take
+from kanejax._model.joints import AbstractJoint
+from kanejax._model.links import LinkParameters
+from kanejax._model.plan import NONE, Segment, segments
 from kanejax._model.tree import COORDINATES, SPEEDS, WORLD, Tree
 from kanejax._scalar import barrier, is_known
-from kanejax._types import Scalar
+from kanejax._types import Matrix, Scalar, Symmetric, Vector
 
 PyTree = Any
 T = TypeVar("T")
+Step = Callable[[type[AbstractJoint], PyTree, PyTree], tuple[PyTree, PyTree]]
 
 
-@dataclasses.dataclass(frozen=True)
-class Segment:
-    """Chains that one scan runs over.
+class Frames(NamedTuple):
+    """Rotation to the components of an outer frame, and position of the origin in it."""
 
-    Attributes:
-        kind: the joint type of all links, or "mixed" for revolute and prismatic ones.
-        chains: the links of each chain, base first, padded at the tip with -1 to the longest.
-        parents: where each chain starts: (segment, chain) whose tip carries it, or None for the world.
-    """
-
-    kind: str
-    chains: tuple[tuple[int, ...], ...]
-    parents: tuple[tuple[int, int] | None, ...]
-
-    @property
-    def joint(self) -> type[JointKind]:
-        """The joint type's class."""
-        return KINDS[self.kind]
-
-    @functools.cached_property
-    def index(self) -> np.ndarray:
-        """Links as (length, chains), or (length,) for a single chain."""
-        index = np.array(self.chains, dtype=int).T
-        return index[:, 0] if len(self.chains) == 1 else index
+    rotation: Matrix
+    position: Vector
 
 
-@functools.lru_cache(maxsize=256)
-def segments(tree: Tree) -> tuple[Segment, ...]:
-    """Cut the tree into segments, each after the ones that carry it."""
-    chains, starts = _chains(tree)
-    depth: dict[int, int] = {}
-    for number, start in enumerate(starts):
-        depth[number] = 0 if start is None else depth[start] + 1
-    found: list[Segment] = []
-    place: dict[int, tuple[int, int]] = {}
-    for level in range(max(depth.values(), default=-1) + 1):
-        kinds = {number: _chain_kind(tree, chains[number]) for number in depth if depth[number] == level}
-        for kind in sorted(set(kinds.values())):
-            # A chain joins longer ones while no more than half of its scan is padding.
-            waiting = sorted((n for n in kinds if kinds[n] == kind), key=lambda n: -len(chains[n]))
-            while waiting:
-                longest = len(chains[waiting[0]])
-                group = [n for n in waiting if 2 * len(chains[n]) >= longest]
-                waiting = [n for n in waiting if n not in group]
-                for position, number in enumerate(group):
-                    place[number] = (len(found), position)
-                padded = tuple(chains[n] + (WORLD,) * (longest - len(chains[n])) for n in group)
-                parents = tuple(None if starts[n] is None else place[starts[n]] for n in group)  # type: ignore[index]
-                found.append(Segment(kind, padded, parents))
-    return tuple(found)
+class Link(NamedTuple):
+    """Parameters of one link, or of all of a segment: `LinkParameters` by component."""
+
+    placement: Frames
+    mass: Scalar
+    first_moment: Vector
+    inertia: Symmetric
 
 
-def _chains(tree: Tree) -> tuple[list[tuple[int, ...]], list[int | None]]:
-    """Chains without branches, each of revolute and prismatic joints or of one ball or free joint, and what carries them."""
-    children: dict[int, list[int]] = {link: [] for link in range(-1, tree.njoint)}
-    for link, parent in enumerate(tree.link_parents):
-        children[parent].append(link)
-    chains: list[tuple[int, ...]] = []
-    starts: list[int | None] = []
-    waiting: list[tuple[int, int | None]] = [(link, None) for link in children[WORLD]]
-    while waiting:
-        link, start = waiting.pop(0)
-        chain = [link]
-        while len(children[chain[-1]]) == 1 and _runs_on(tree, chain[-1], children[chain[-1]][0]):
-            chain.append(children[chain[-1]][0])
-        waiting += [(child, len(chains)) for child in children[chain[-1]]]
-        chains.append(tuple(chain))
-        starts.append(start)
-    return chains, starts
-
-
-def _runs_on(tree: Tree, link: int, child: int) -> bool:
-    return SPEEDS[tree.joint_types[link]] == SPEEDS[tree.joint_types[child]] == 1
-
-
-def _chain_kind(tree: Tree, chain: tuple[int, ...]) -> str:
-    kinds = {tree.joint_types[link] for link in chain}
-    return kinds.pop() if len(kinds) == 1 else "mixed"
-
-
-def split_links(tree: Tree, of_links: T, neutral: float = 0.0) -> list[T]:
-    """Rows of every component, for each segment as (length, [chains,] *batch); `neutral` where a chain is padded."""
-
-    def pick(leaf: jax.Array, segment: Segment) -> jax.Array:
-        if WORLD in segment.index:
-            leaf = jnp.concatenate((leaf, jnp.full_like(leaf[:1], neutral)))
-        return take(leaf, segment.index)
-
-    return [jax.tree.map(lambda leaf: pick(leaf, segment), of_links) for segment in segments(tree)]
-
-
-def split_placements(tree: Tree, links: Links) -> list[Links]:
-    """Link parameters for each segment; the padding has identity placements and no mass."""
-    placed = split_links(tree, links)
-    diagonal = split_links(tree, tuple(links.placement.rotation[i][i] for i in range(3)), neutral=1.0)
+def split_parameters(tree: Tree, parameters: LinkParameters) -> list[Link]:
+    """Link parameters by component, (length, *batch), for each segment."""
+    rotation, position, mass, first_moment, inertia = (_split(tree, leaf) for leaf in parameters)
+    parts = zip(rotation, position, mass, first_moment, inertia, strict=True)
     return [
-        part._replace(placement=part.placement._replace(rotation=_with_diagonal(part.placement.rotation, ones)))
-        for part, ones in zip(placed, diagonal, strict=True)
+        Link(
+            Frames(tuple(tuple(r[:, i, j] for j in range(3)) for i in range(3)), tuple(p[:, i] for i in range(3))),  # type: ignore[arg-type]
+            m,
+            tuple(h[:, i] for i in range(3)),  # type: ignore[arg-type]
+            tuple(c[:, i] for i in range(6)),  # type: ignore[arg-type]
+        )
+        for r, p, m, h, c in parts
     ]
 
 
-def _with_diagonal(matrix: tuple, diagonal: tuple) -> tuple:
-    return tuple(tuple(diagonal[i] if i == j else x for j, x in enumerate(row)) for i, row in enumerate(matrix))
+def _split(tree: Tree, of_links: jax.Array) -> list[jax.Array]:
+    """Rows of an array over the links for each segment."""
+    return [_take(of_links, segment.links) for segment in segments(tree)]
+
+
+def _take(leaf: jax.Array, rows: Sequence[int] | np.ndarray) -> jax.Array:
+    """Rows of an array: a slice where they follow one another, for that costs no gather."""
+    index = np.asarray(rows, dtype=int)
+    if len(index) and np.array_equal(index, np.arange(index[0], index[0] + len(index))):
+        return leaf if len(index) == leaf.shape[0] else leaf[index[0] : index[0] + len(index)]
+    return leaf[index]
 
 
 def split_coordinates(tree: Tree, q: jax.Array) -> list[tuple[Scalar, ...]]:
     """Coordinates (nq, *batch) as one component for each coordinate of the joint type, for each segment."""
-    return _split_dofs(tree, q, tree.q_start, COORDINATES)
+    return _split_joints(tree, q, tree.q_start, COORDINATES)
 
 
-def split_speeds(tree: Tree, u: jax.Array, neutral: float = 0.0) -> list[tuple[Scalar, ...]]:
+def split_speeds(tree: Tree, u: jax.Array) -> list[tuple[Scalar, ...]]:
     """Speeds or forces (nv, *batch), likewise."""
-    return _split_dofs(tree, u, tree.v_start, SPEEDS, neutral)
+    return _split_joints(tree, u, tree.v_start, SPEEDS)
 
 
-def _split_dofs(tree: Tree, x: jax.Array, starts: Sequence[int], sizes: dict[str, int], neutral: float = 0.0) -> list:
+def _split_joints(tree: Tree, x: jax.Array, starts: Sequence[int], sizes: dict[str, int]) -> list[tuple[Scalar, ...]]:
     parts = []
     for segment in segments(tree):
-        padded = WORLD in segment.index
-        source = jnp.concatenate((x, jnp.full_like(x[:1], neutral))) if padded else x
-        first = np.vectorize(lambda link: len(x) if link == WORLD else starts[link], otypes=[int])(segment.index)
-        size = 1 if segment.kind == "mixed" else sizes[segment.kind]
-        parts.append(tuple(take(source, np.where(first == len(x), first, first + offset)) for offset in range(size)))
+        first = np.array([starts[link] for link in segment.links])
+        size = sizes[tree.joint_types[segment.links[0]]]
+        parts.append(tuple(_take(x, first + offset) for offset in range(size)))
     return parts
 
 
 def joint_features(tree: Tree, q: jax.Array) -> list[tuple[Scalar, ...]]:
     """Sines, cosines, displacements or quaternions of every joint, for each segment."""
-    coordinates = split_coordinates(tree, q)
-    masks = _revolute_masks(tree, q)
-    return barrier([s.joint.features(c, m) for s, c, m in zip(segments(tree), coordinates, masks, strict=True)])
-
-
-def _revolute_masks(tree: Tree, like: jax.Array) -> list[jax.Array]:
-    """For each segment 1 where a link is revolute, 0 where it is prismatic, shaped to broadcast along the batch of `like`."""
-    mask = np.array([kind == "revolute" for kind in (*tree.joint_types, "revolute")], like.dtype)
-    return [jnp.asarray(mask[s.index].reshape(s.index.shape + (1,) * (like.ndim - 1))) for s in segments(tree)]
+    parts = []
+    for segment, coordinates in zip(segments(tree), split_coordinates(tree, q), strict=True):
+        mask = np.array([tree.joint_types[link] == "revolute" for link in segment.links], q.dtype)
+        parts.append(segment.joint.features(coordinates, jnp.asarray(mask.reshape((-1,) + (1,) * (q.ndim - 1)))))
+    return barrier(parts)
 
 
 def join_links(tree: Tree, parts: list[T]) -> T:
-    """Put components of (length, [chains,] *batch) for each segment back together as (nlink, *batch)."""
-    flat, order = [], []
-    for segment, part in zip(segments(tree), parts, strict=True):
-        links = segment.index.reshape(-1)
-        flat.append(jax.tree.map(functools.partial(_flatten, segment), part))
-        order += [link for link in links if link != WORLD]
-    joined = flat[0] if len(flat) == 1 else jax.tree.map(lambda *rows: jnp.concatenate(rows), *barrier(flat))
-    return take(joined, np.argsort(order))
+    """Put components of (length, *batch) for each segment back together as (nlink, *batch)."""
+    order = [link for segment in segments(tree) for link in segment.links]
+    joined = parts[0] if len(parts) == 1 else jax.tree.map(lambda *rows: jnp.concatenate(rows), *barrier(parts))
+    return jax.tree.map(lambda rows: _take(rows, np.argsort(order)), joined)
 
 
 def join_speeds(tree: Tree, parts: list[tuple[Scalar, ...]]) -> jax.Array:
     """Put one component for each speed of the joint type, for each segment, back together as (nv, *batch)."""
     rows, order = [], []
     for segment, part in zip(segments(tree), parts, strict=True):
-        links = [link for link in segment.index.reshape(-1) if link != WORLD]
         for offset, component in enumerate(part):
-            rows.append(_flatten(segment, component))
-            order += [tree.v_start[link] + offset for link in links]
+            rows.append(component)
+            order += [tree.v_start[link] + offset for link in segment.links]
     joined = rows[0] if len(rows) == 1 else jnp.concatenate(barrier(rows))
-    return take(joined, np.argsort(order))
+    return _take(joined, np.argsort(order))
 
 
-def _flatten(segment: Segment, component: jax.Array) -> jax.Array:
-    """(length, [chains,] *batch) to (links, *batch), without the padding."""
-    real = segment.index.reshape(-1) != WORLD
-    flat = component.reshape(real.shape + component.shape[segment.index.ndim :])
-    return flat if real.all() else flat[np.flatnonzero(real)]
-
-
-def base_to_tip(
-    tree: Tree, step: Callable[[type[JointKind], PyTree, PyTree], tuple[PyTree, PyTree]], root: PyTree, inputs: list[PyTree], unroll: int = 1
-) -> list[PyTree]:
+def base_to_tip(tree: Tree, step: Step, root: PyTree, inputs: list[PyTree], unroll: int = 1) -> list[PyTree]:
     """Run `step(joint type, state of the parent link, inputs of the link) -> (its state, its output)` over all links.
 
     `root` is the world's state, its scalars of the batch's shape; `inputs` and the result are lists over the segments.
     """
-    tips: list[tuple[PyTree, int]] = []
+    states: dict[int, PyTree] = {WORLD: root}
     outputs: list[PyTree] = []
-    for segment, rows in zip(segments(tree), inputs, strict=True):
-        start = _gather_tips(segment, tips, root)
-        tip, output = _scan(functools.partial(step, segment.joint), start, rows, len(segment.index), unroll, reverse=False)
-        tips.append((tip, len(segment.chains)))
+    plan = segments(tree)
+    carriers = {segment.carrier for segment in plan}
+    for segment, rows in zip(plan, inputs, strict=True):
+        tip, kept, output = _outward(segment, functools.partial(step, segment.joint), states[segment.carrier], rows, unroll)
         outputs.append(output)
+        for link in carriers.intersection(segment.links):
+            slot = segment.kept(link)
+            states[link] = tip if slot == NONE else jax.tree.map(lambda x: x[slot], kept)  # noqa: B023
     return outputs
 
 
-def tip_to_base(
-    tree: Tree, step: Callable[[type[JointKind], PyTree, PyTree], tuple[PyTree, PyTree]], zero: PyTree, inputs: list[PyTree], unroll: int = 1
-) -> list[PyTree]:
+def tip_to_base(tree: Tree, step: Step, zero: PyTree, inputs: list[PyTree], unroll: int = 1) -> list[PyTree]:
     """Run `step(joint type, sum over the children, inputs of the link) -> (what its parent receives, its output)`.
 
     `zero` is what a link without children receives, its scalars of the batch's shape.
     """
     plan = segments(tree)
-    received: dict[tuple[int, int], list[PyTree]] = {}
+    received: dict[int, PyTree] = {}
     outputs: list[PyTree] = [None] * len(plan)
     for number in reversed(range(len(plan))):
-        segment, rows = plan[number], inputs[number]
-        at_tip = [_total(received.get((number, chain), []), zero) for chain in range(len(segment.chains))]
-        start = at_tip[0] if len(at_tip) == 1 else jax.tree.map(lambda *x: jnp.stack(x), *barrier(at_tip))
-        sent, outputs[number] = _scan(functools.partial(step, segment.joint), start, rows, len(segment.index), unroll, reverse=True)
-        for chain, parent in enumerate(segment.parents):
-            if parent is not None:
-                own = sent if len(segment.chains) == 1 else jax.tree.map(lambda x: x[chain], sent)  # noqa: B023
-                received.setdefault(parent, []).append(own)
+        segment = plan[number]
+        inward = functools.partial(step, segment.joint)
+        sent, outputs[number] = _inward(segment, inward, zero, received, inputs[number], unroll)
+        known = received.get(segment.carrier)
+        received[segment.carrier] = sent if known is None else jax.tree.map(jnp.add, known, sent)
     return outputs
 
 
-def _gather_tips(segment: Segment, tips: list[tuple[PyTree, int]], root: PyTree) -> PyTree:
-    def tip(parent: tuple[int, int] | None) -> PyTree:
-        if parent is None:
-            return root
-        number, chain = parent
-        state, chains = tips[number]
-        return state if chains == 1 else jax.tree.map(lambda x: x[chain], state)
+def _outward(segment: Segment, step: Callable, start: PyTree, rows: PyTree, unroll: int) -> tuple[PyTree, PyTree, PyTree]:
+    """Loop from base to tip: the last link's state, the slots, and the outputs."""
+    if not segment.branches:
+        tip, output = _scan(step, start, rows, len(segment.links), unroll, reverse=False)
+        return tip, None, output
+    # One slot more than there are takes what nobody needs.
+    slots = jax.tree.map(lambda x: jnp.broadcast_to(x[None], (segment.slots + 1, *x.shape)), start)
 
-    starts = [tip(parent) for parent in segment.parents]
-    return starts[0] if len(starts) == 1 else jax.tree.map(lambda *x: jnp.stack(x), *barrier(starts))
+    def branching_step(carry: tuple[PyTree, PyTree], row: tuple) -> tuple[tuple[PyTree, PyTree], PyTree]:
+        (before, slots), (restores, restore, saves, save, inputs) = carry, row
+        parent = jax.tree.map(lambda kept, state: jnp.where(restores, _read(kept, restore), state), slots, before)
+        state, output = step(parent, inputs)
+        # Conditionals, not selections: most links leave the slots alone, and then nothing is moved.
+        slots = lax.cond(saves, lambda: jax.tree.map(lambda kept, x: _write(kept, save, x), slots, state), lambda: slots)
+        return (state, slots), output
+
+    (tip, kept), output = _scan(branching_step, (start, slots), (*_slot_rows(segment), rows), len(segment.links), unroll, reverse=False)
+    return tip, kept, output
 
 
-def _total(received: list[PyTree], zero: PyTree) -> PyTree:
-    if not received:
-        return zero
-    return functools.reduce(lambda a, b: jax.tree.map(jnp.add, a, b), received)
+def _inward(
+    segment: Segment, step: Callable, zero: PyTree, received: dict[int, PyTree], rows: PyTree, unroll: int
+) -> tuple[PyTree, PyTree]:
+    """Loop from tip to base: what the carrier receives, and the outputs."""
+    start = received.get(segment.links[-1], zero)
+    if not segment.branches:
+        return _scan(step, start, rows, len(segment.links), unroll, reverse=True)
+    slots = jax.tree.map(lambda x: jnp.zeros((segment.slots + 1, *x.shape), x.dtype), zero)
+    for link in segment.links[:-1]:
+        if link in received:
+            slots = jax.tree.map(lambda kept, x: kept.at[segment.kept(link)].set(x), slots, received[link])  # noqa: B023
+
+    def branching_step(carry: tuple[PyTree, PyTree], row: tuple) -> tuple[tuple[PyTree, PyTree], PyTree]:
+        (after, slots), (restores, restore, saves, save, ends, inputs) = carry, row
+        outer = jax.tree.map(lambda kept, x: jnp.where(ends, 0.0, x) + _read(kept, save), slots, after)
+        sent, output = step(outer, inputs)
+        slots = lax.cond(restores, lambda: jax.tree.map(lambda kept, x: _add(kept, restore, x), slots, sent), lambda: slots)
+        return (sent, slots), output
+
+    ends = np.array([leaf and link != segment.links[-1] for leaf, link in zip(segment.leaves, segment.links, strict=True)])
+    flags = (*_slot_rows(segment), ends, rows)
+    (sent, slots), output = _scan(branching_step, (start, slots), flags, len(segment.links), unroll, reverse=True)
+    return jax.tree.map(lambda x, kept: x + kept[0], sent, slots), output
 
 
-def _scan(step: Callable[[PyTree, PyTree], tuple[PyTree, PyTree]], start: PyTree, rows: PyTree, length: int, unroll: int, reverse: bool) -> tuple:
+def _slot_rows(segment: Segment) -> tuple[np.ndarray, ...]:
+    """Whether and where each link restores its parent's state, and where it saves its own; the last slot is for nothing."""
+    restore, save = np.array(segment.restore, np.int32), np.array(segment.save, np.int32)
+    spare = np.int32(segment.slots)
+    return restore != NONE, np.where(restore == NONE, spare, restore), save != NONE, np.where(save == NONE, spare, save)
+
+
+def _read(slots: jax.Array, index: jax.Array) -> jax.Array:
+    return lax.dynamic_index_in_dim(slots, index, 0, keepdims=False)
+
+
+def _add(slots: jax.Array, index: jax.Array, value: jax.Array) -> jax.Array:
+    return _write(slots, index, _read(slots, index) + value)
+
+
+def _write(slots: jax.Array, index: jax.Array, value: jax.Array) -> jax.Array:
+    return lax.dynamic_update_index_in_dim(slots, value, index, 0)
+
+
+def _scan(step: Callable, start: PyTree, rows: PyTree, length: int, unroll: int, reverse: bool) -> tuple[PyTree, PyTree]:
     """`lax.scan`, but numbers that are known while tracing stay known in inputs and outputs; unrolled when short enough."""
     traced_rows, with_known_inputs = _part_known(rows)
     with_known_outputs: Callable[[list], PyTree] | None = None

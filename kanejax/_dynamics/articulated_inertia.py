@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 
 from kanejax._kinematics.position import place_link, world
-from kanejax._model.joints import Axis, JointKind
-from kanejax._model.links import Links
+from kanejax._model.joints import Axis, AbstractJoint
+from kanejax._model.links import LinkParameters
 from kanejax._model.tree import Tree
-from kanejax._recursion import base_to_tip, join_speeds, joint_features, split_placements, split_speeds, tip_to_base
+from kanejax._recursion import Link, base_to_tip, join_speeds, joint_features, split_parameters, split_speeds, tip_to_base
 from kanejax._scalar import (
     SYMMETRIC_ZERO,
     ZERO,
@@ -64,10 +64,18 @@ class WorldLink(NamedTuple):
 
 
 class Pivot(NamedTuple):
-    """What elimination keeps of one speed: its axis, and U / D, the reaction to accelerations of the base per unit D."""
+    """What elimination keeps of one speed: its axis, 1 / D, and U / D, the reaction to unit acceleration along the axis, over D."""
 
     axis: Axis
+    inverse: Scalar
     reaction: Wrench
+
+
+class Factor(NamedTuple):
+    """The factored mass matrix: pivots of every link, and the offset from its parent's origin, for each segment."""
+
+    offsets: list[Vector]
+    pivots: list[tuple[Pivot, ...]]
 
 
 class Motion(NamedTuple):
@@ -80,34 +88,53 @@ class Motion(NamedTuple):
 
 
 def forward_dynamics(
-    tree: Tree, links: Links, gravity: jax.Array, armature: jax.Array, q: jax.Array, u: jax.Array, tau: jax.Array, unroll: int = 1
+    tree: Tree, links: LinkParameters, gravity: jax.Array, armature: jax.Array, q: jax.Array, u: jax.Array, tau: jax.Array, unroll: int = 1
 ) -> jax.Array:
     """u_dot (nv, *batch) from forces tau applied at the joints, all of (nv, *batch)."""
     frames = world(q)
     root = Motion(frames.rotation, frames.position, frames.position, tuple(x - gravity[i] for i, x in enumerate(frames.position)))  # type: ignore[arg-type]
-    parts = zip(split_placements(tree, links), joint_features(tree, q), split_speeds(tree, u), strict=True)
+    parts = zip(split_parameters(tree, links), joint_features(tree, q), split_speeds(tree, u), strict=True)
     moving = base_to_tip(tree, _move, root, list(parts), unroll)
-    pivots = _eliminate(tree, moving, split_speeds(tree, armature, neutral=1.0), split_speeds(tree, tau), q, unroll)
-    return _substitute(tree, [link.offset for link, _ in moving], pivots, q, unroll)
+    inputs = [(*rows, rotor, force) for rows, rotor, force in zip(moving, split_speeds(tree, armature), split_speeds(tree, tau), strict=True)]
+    eliminated = tip_to_base(tree, _eliminate_link, (_no_inertia(q), _no_wrench(q)), inputs, unroll)
+    factor = Factor([link.offset for link, _ in moving], [pivots for pivots, _ in eliminated])
+    return _substitute(tree, factor, [left for _, left in eliminated], q, unroll)
 
 
-def solve(tree: Tree, links: Links, armature: jax.Array, q: jax.Array, force: jax.Array, unroll: int = 1) -> jax.Array:
-    """F(q)^-1 force, linear in the force, all of (nv, *batch)."""
-    parts = list(zip(split_placements(tree, links), joint_features(tree, q), strict=True))
+def factorize(tree: Tree, links: LinkParameters, armature: jax.Array, q: jax.Array, unroll: int = 1) -> Factor:
+    """Factor F(q) for `solve`; armature (nv, *batch), q (nq, *batch)."""
+    parts = list(zip(split_parameters(tree, links), joint_features(tree, q), strict=True))
     still = base_to_tip(tree, _stand, world(q).rotation, parts, unroll)
-    pivots = _eliminate(tree, still, split_speeds(tree, armature, neutral=1.0), split_speeds(tree, force), q, unroll)
-    return _substitute(tree, [link.offset for link, _ in still], pivots, q, unroll)
+    inputs = list(zip(still, split_speeds(tree, armature), strict=True))
+    return Factor([link.offset for link in still], tip_to_base(tree, _factor_link, _no_inertia(q), inputs, unroll))
 
 
-def _stand(joint: type[JointKind], parent: Matrix, link: tuple[Links, tuple]) -> tuple[Matrix, tuple[WorldLink, Wrench]]:
-    """A link in world axes, at rest and weightless."""
+def solve(tree: Tree, factor: Factor, force: jax.Array, unroll: int = 1) -> jax.Array:
+    """F^-1 force, linear in the force (nv, *batch)."""
+    inputs = list(zip(factor.offsets, factor.pivots, split_speeds(tree, force), strict=True))
+    left = tip_to_base(tree, _reduce_link, _no_wrench(force), inputs, unroll)
+    return _substitute(tree, factor, left, force, unroll)
+
+
+def _no_inertia(like: jax.Array) -> Inertia:
+    zero = jnp.zeros(like.shape[1:], like.dtype)
+    return jax.tree.map(lambda _: zero, Inertia(SYMMETRIC_ZERO, (ZERO, ZERO, ZERO), SYMMETRIC_ZERO))
+
+
+def _no_wrench(like: jax.Array) -> Wrench:
+    zero = jnp.zeros(like.shape[1:], like.dtype)
+    return jax.tree.map(lambda _: zero, Wrench(ZERO, ZERO))
+
+
+def _stand(joint: type[AbstractJoint], parent: Matrix, link: tuple[Link, tuple]) -> tuple[Matrix, WorldLink]:
+    """A link in world axes, at rest."""
     links, features = link
     placed = place_link(joint, parent, links, features)
     h, inertia = barrier((apply(placed.rotation, links.first_moment), rotate_symmetric(placed.rotation, links.inertia)))
-    return placed.rotation, (WorldLink(placed.offset, placed.axes, links.mass, h, inertia), Wrench(ZERO, ZERO))
+    return placed.rotation, WorldLink(placed.offset, placed.axes, links.mass, h, inertia)
 
 
-def _move(joint: type[JointKind], parent: Motion, link: tuple[Links, tuple, tuple]) -> tuple[Motion, tuple[WorldLink, Wrench]]:
+def _move(joint: type[AbstractJoint], parent: Motion, link: tuple[Link, tuple, tuple]) -> tuple[Motion, tuple[WorldLink, Wrench]]:
     """Motion of a link at zero u_dot, and the wrench about its origin that this motion and gravity take."""
     links, features, speeds = link
     placed = place_link(joint, parent.rotation, links, features)
@@ -127,49 +154,71 @@ def _move(joint: type[JointKind], parent: Motion, link: tuple[Links, tuple, tupl
     return Motion(placed.rotation, w, alpha, a), (still, Wrench(moment, force))
 
 
-def _eliminate(tree: Tree, moving: list, armature: list, tau: list, like: jax.Array, unroll: int) -> list:
-    """Eliminate the speeds tip to base: pivots and what is left of the force on each speed, over D."""
-    zero = jnp.zeros(like.shape[1:], like.dtype)
-    nothing = jax.tree.map(lambda _: zero, (Inertia(SYMMETRIC_ZERO, (ZERO, ZERO, ZERO), SYMMETRIC_ZERO), Wrench(ZERO, ZERO)))
-    inputs = [(*rows, rotor, force) for rows, rotor, force in zip(moving, armature, tau, strict=True)]
-    return tip_to_base(tree, _eliminate_link, nothing, inputs, unroll)
-
-
-def _eliminate_link(joint: type[JointKind], outer: tuple[Inertia, Wrench], link: tuple) -> tuple:
+def _eliminate_link(joint: type[AbstractJoint], outer: tuple[Inertia, Wrench], link: tuple) -> tuple:
+    """Eliminate a link's speeds from inertia and forces at once."""
     body, bias, armature, tau = link
     inertia = _add_link(outer[0], body)
     wrench = Wrench(*(plus(x, y) for x, y in zip(outer[1], bias, strict=True)))
-    pivots, accelerations = [], []
+    pivots, left = [], []
     for axis, rotor, force in zip(body.axes, armature, tau, strict=True):
-        # Barriers hold inertias and wrenches apart: the latter alone are linear in the forces.
-        response = barrier(_response(inertia, axis))
-        pivot = 1.0 / add(_power(axis, response), rotor)
-        reaction, pivot = barrier((Wrench(scale(pivot, response.moment), scale(pivot, response.force)), pivot))
-        left = barrier(sub(force, _power(axis, wrench)))
-        inertia = barrier(_deflate(inertia, response, reaction))
-        wrench = barrier(Wrench(plus(wrench.moment, scale(left, reaction.moment)), plus(wrench.force, scale(left, reaction.force))))
-        pivots.append(Pivot(axis, reaction))
-        accelerations.append(mul(pivot, left))
-    inward = (barrier(_shift(inertia, body.offset)), barrier(_shift_wrench(wrench, body.offset)))
-    return inward, (tuple(pivots), tuple(accelerations))
+        inertia, pivot = _pivot(inertia, axis, rotor)
+        wrench, rest = _reduce(wrench, pivot, force)
+        pivots.append(pivot)
+        left.append(rest)
+    return (barrier(_shift(inertia, body.offset)), barrier(_shift_wrench(wrench, body.offset))), (tuple(pivots), tuple(left))
 
 
-def _substitute(tree: Tree, offsets: list, pivots: list, like: jax.Array, unroll: int) -> jax.Array:
+def _factor_link(joint: type[AbstractJoint], outer: Inertia, link: tuple) -> tuple[Inertia, tuple[Pivot, ...]]:
+    """Eliminate a link's speeds from the inertia."""
+    body, armature = link
+    inertia = _add_link(outer, body)
+    pivots = []
+    for axis, rotor in zip(body.axes, armature, strict=True):
+        inertia, pivot = _pivot(inertia, axis, rotor)
+        pivots.append(pivot)
+    return barrier(_shift(inertia, body.offset)), tuple(pivots)
+
+
+def _reduce_link(joint: type[AbstractJoint], wrench: Wrench, link: tuple) -> tuple[Wrench, tuple[Scalar, ...]]:
+    """Eliminate a link's speeds from the forces."""
+    offset, pivots, forces = link
+    left = []
+    for pivot, force in zip(pivots, forces, strict=True):
+        wrench, rest = _reduce(wrench, pivot, force)
+        left.append(rest)
+    return barrier(_shift_wrench(wrench, offset)), tuple(left)
+
+
+def _pivot(inertia: Inertia, axis: Axis, rotor: Scalar) -> tuple[Inertia, Pivot]:
+    """Let one speed move freely: the inertia that is left, less U U^T / D, and what solving needs of it."""
+    response = barrier(_response(inertia, axis))
+    inverse = 1.0 / add(_power(axis, response), rotor)
+    inverse, reaction = barrier((inverse, Wrench(scale(inverse, response.moment), scale(inverse, response.force))))
+    return barrier(_deflate(inertia, response, reaction)), Pivot(axis, inverse, reaction)
+
+
+def _reduce(wrench: Wrench, pivot: Pivot, force: Scalar) -> tuple[Wrench, Scalar]:
+    """Take one speed's share out of the wrench; also its acceleration while the parent's is zero."""
+    left = barrier(sub(force, _power(pivot.axis, wrench)))
+    moment = plus(wrench.moment, scale(left, pivot.reaction.moment))
+    return barrier(Wrench(moment, plus(wrench.force, scale(left, pivot.reaction.force)))), mul(pivot.inverse, left)
+
+
+def _substitute(tree: Tree, factor: Factor, left: list, like: jax.Array, unroll: int) -> jax.Array:
     """Substitute back base to tip: u_dot, which each speed owes to its own force and to the acceleration of its parent."""
     still = world(like).position
-    inputs = list(zip(offsets, pivots, strict=True))
+    inputs = list(zip(factor.offsets, factor.pivots, left, strict=True))
     return join_speeds(tree, base_to_tip(tree, _substitute_link, (still, still), inputs, unroll))
 
 
-def _substitute_link(joint: type[JointKind], parent: tuple[Vector, Vector], link: tuple) -> tuple:
-    offset, (pivots, accelerations) = link
+def _substitute_link(joint: type[AbstractJoint], parent: tuple[Vector, Vector], link: tuple) -> tuple:
+    offset, pivots, left = link
     alpha, a = parent
     a = plus(a, cross(alpha, offset))
     rates: list[Scalar] = []
     # The speed that was eliminated last knows only the parent; the one before it, this one too.
-    for pivot, own in reversed(list(zip(pivots, accelerations, strict=True))):
-        rate = sub(own, add(dot(pivot.reaction.moment, alpha), dot(pivot.reaction.force, a)))
-        rate = barrier(rate)
+    for pivot, own in reversed(list(zip(pivots, left, strict=True))):
+        rate = barrier(sub(own, add(dot(pivot.reaction.moment, alpha), dot(pivot.reaction.force, a))))
         alpha, a = plus(alpha, scale(rate, pivot.axis[0])), plus(a, scale(rate, pivot.axis[1]))
         rates.append(rate)
     return barrier((alpha, a)), tuple(reversed(rates))

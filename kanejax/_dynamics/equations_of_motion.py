@@ -130,12 +130,12 @@ def _forward_dynamics(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array
 def _implicit_derivative(tree: Tree, primals: tuple, tangents: tuple) -> tuple[jax.Array, jax.Array]:
     """Differentiate inverse_dynamics(q, u, u_dot) = tau: F u_dot' = tau' - what the force changes at fixed u_dot."""
     prepared, q, u, tau = primals
-    u_dot = _forward_dynamics(tree, prepared, q, u, tau)
+    armature = jnp.broadcast_to(prepared.armature, u.shape)
+    factor = articulated_inertia.factorize(tree, prepared.links, armature, displacement(tree, prepared, q))
+    u_dot = articulated_inertia.solve(tree, factor, tau - _inverse_dynamics(tree, prepared, q, u, jnp.zeros_like(u)))
 
     def needed(prepared: Prepared, q: jax.Array, u: jax.Array) -> jax.Array:
         return _inverse_dynamics(tree, prepared, q, u, u_dot)
 
     change = jax.jvp(needed, (prepared, q, u), tangents[:3])[1]
-    armature = jnp.broadcast_to(prepared.armature, u.shape)
-    rate = articulated_inertia.solve(tree, prepared.links, armature, displacement(tree, prepared, q), tangents[3] - change)
-    return u_dot, rate
+    return u_dot, articulated_inertia.solve(tree, factor, tangents[3] - change)

@@ -9,14 +9,15 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from kanejax._model.joints import JointKind
-from kanejax._model.links import Links
+from kanejax._model.joints import AbstractJoint
+from kanejax._model.links import LinkParameters
 from kanejax._model.tree import Tree
 from kanejax._recursion import (
+    Link,
     base_to_tip,
     join_speeds,
     joint_features,
-    split_placements,
+    split_parameters,
     split_speeds,
     tip_to_base,
 )
@@ -40,7 +41,7 @@ from kanejax._types import Matrix, Scalar, Vector
 class LinkInputs(NamedTuple):
     """What a sweep reads of one link: parameters, joint features, and components of speeds and forces."""
 
-    links: Links
+    links: Link
     features: tuple[Scalar, ...]
     speeds: tuple[Scalar, ...]
     rates: tuple[Scalar, ...]
@@ -55,7 +56,7 @@ class Motion(NamedTuple):
 
 
 def inertia_force(
-    tree: Tree, links: Links, gravity: jax.Array, q: jax.Array, u: jax.Array, u_dot: jax.Array, unroll: int = 1
+    tree: Tree, links: LinkParameters, gravity: jax.Array, q: jax.Array, u: jax.Array, u_dot: jax.Array, unroll: int = 1
 ) -> jax.Array:
     """Minus the generalized inertia and gravity forces, (nv, *batch): M(q) u_dot + bias(q, u), without armature.
 
@@ -64,7 +65,7 @@ def inertia_force(
     batch = q.shape[1:]
     zero = jnp.zeros(batch, q.dtype)
     features = joint_features(tree, q)
-    parts = split_placements(tree, links)
+    parts = split_parameters(tree, links)
     inputs = [
         LinkInputs(*rows) for rows in zip(parts, features, split_speeds(tree, u), split_speeds(tree, u_dot), strict=True)
     ]
@@ -75,7 +76,7 @@ def inertia_force(
     return join_speeds(tree, tip_to_base(tree, _project, (still, still), outward, unroll))
 
 
-def _link_wrench(joint: type[JointKind], parent: Motion, link: LinkInputs) -> tuple[Motion, tuple[Vector, Vector]]:
+def _link_wrench(joint: type[AbstractJoint], parent: Motion, link: LinkInputs) -> tuple[Motion, tuple[Vector, Vector]]:
     """Motion of a link from its parent's, and the force and moment about its origin that this motion takes."""
     rotation, position = joint.place(*link.links.placement, link.features)
     w, alpha, a = parent
@@ -91,7 +92,7 @@ def _link_wrench(joint: type[JointKind], parent: Motion, link: LinkInputs) -> tu
     return motion, _wrench(link.links, motion)
 
 
-def _wrench(links: Links, motion: Motion) -> tuple[Vector, Vector]:
+def _wrench(links: Link, motion: Motion) -> tuple[Vector, Vector]:
     """Force m a and moment about the link's origin of the inertia forces of one link, reversed."""
     (wx, wy, wz), (ax, ay, az), a = motion
     xx, yy, zz, xy, xz, yz = wx * wx, wy * wy, wz * wz, wx * wy, wx * wz, wy * wz
@@ -111,7 +112,7 @@ def _wrench(links: Links, motion: Motion) -> tuple[Vector, Vector]:
     return force, plus(spin, cross(h, a))
 
 
-def _project(joint: type[JointKind], outer: tuple[Vector, Vector], link: tuple) -> tuple[tuple[Vector, Vector], tuple[Scalar, ...]]:
+def _project(joint: type[AbstractJoint], outer: tuple[Vector, Vector], link: tuple) -> tuple[tuple[Vector, Vector], tuple[Scalar, ...]]:
     """Add what the links further out need, project on the joint's axes, and hand the rest to the parent."""
     links, features, own = link
     force, moment = plus(own[0], outer[0]), plus(own[1], outer[1])

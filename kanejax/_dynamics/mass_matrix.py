@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from kanejax._kinematics.position import place_link, world
-from kanejax._model.joints import Axis, JointKind
-from kanejax._model.links import Frames, Links
+from kanejax._model.joints import Axis, AbstractJoint
+from kanejax._model.links import LinkParameters
 from kanejax._model.tree import Tree
-from kanejax._recursion import base_to_tip, join_speeds, joint_features, split_placements, tip_to_base
+from kanejax._recursion import Frames, Link, base_to_tip, join_speeds, joint_features, split_parameters, tip_to_base
 from kanejax._scalar import (
     SYMMETRIC_ZERO,
     ZERO,
@@ -40,16 +40,16 @@ class RigidInertia(NamedTuple):
     inertia: Symmetric
 
 
-def mass_matrix(tree: Tree, links: Links, armature: jax.Array, q: jax.Array) -> jax.Array:
+def mass_matrix(tree: Tree, links: LinkParameters, armature: jax.Array, q: jax.Array) -> jax.Array:
     """F(q), (nv, nv, *batch); `q` is (nq, *batch), relative to the coordinate references."""
     q = _at_origin(tree, q)
     zero = jnp.zeros(q.shape[1:], q.dtype)
-    parts = list(zip(split_placements(tree, links), joint_features(tree, q), strict=True))
+    parts = list(zip(split_parameters(tree, links), joint_features(tree, q), strict=True))
     placed = base_to_tip(tree, _place, world(q), parts)
     nothing = jax.tree.map(lambda _: zero, RigidInertia(0.0, ZERO, SYMMETRIC_ZERO))
     momenta = tip_to_base(tree, _momentum, nothing, placed)
-    axes = [[_rows(axis, zero, part[1].mass) for axis in part[0]] for part in placed]
-    momenta = [[_rows(momentum, zero, part[1].mass) for momentum in found] for found, part in zip(momenta, placed, strict=True)]
+    axes = [[_rows(axis, len(part[1].mass), zero) for axis in part[0]] for part in placed]
+    momenta = [[_rows(momentum, len(part[1].mass), zero) for momentum in found] for found, part in zip(momenta, placed, strict=True)]
     by_speed = [join_speeds(tree, [tuple(axis[c] for axis in segment) for segment in axes]) for c in range(6)]
     momentum_by_speed = [join_speeds(tree, [tuple(m[c] for m in segment) for segment in momenta]) for c in range(6)]
     by_speed, momentum_by_speed = barrier((by_speed, momentum_by_speed))
@@ -66,7 +66,7 @@ def _at_origin(tree: Tree, q: jax.Array) -> jax.Array:
     return q if keep.all() else jnp.where(keep.reshape((-1,) + (1,) * (q.ndim - 1)), q, 0.0)
 
 
-def _place(joint: type[JointKind], parent: Frames, link: tuple[Links, tuple]) -> tuple[Frames, tuple]:
+def _place(joint: type[AbstractJoint], parent: Frames, link: tuple[Link, tuple]) -> tuple[Frames, tuple]:
     """Axes of motion and inertia of a link about the world's origin."""
     links, features = link
     placed = place_link(joint, parent.rotation, links, features)
@@ -89,7 +89,7 @@ def _about_world(mass: Scalar, h: Vector, inertia: Symmetric, origin: Vector) ->
     return plus(h, scale(mass, origin)), plus(inertia, steiner, mixed)
 
 
-def _momentum(joint: type[JointKind], outer: RigidInertia, link: tuple[tuple[Axis, ...], RigidInertia]) -> tuple[RigidInertia, tuple]:
+def _momentum(joint: type[AbstractJoint], outer: RigidInertia, link: tuple[tuple[Axis, ...], RigidInertia]) -> tuple[RigidInertia, tuple]:
     """Angular and linear momentum of everything outside a joint for unit speed along each of its axes."""
     axes, own = link
     mass = add(outer.mass, own.mass)
@@ -101,10 +101,9 @@ def _momentum(joint: type[JointKind], outer: RigidInertia, link: tuple[tuple[Axi
     return barrier(RigidInertia(mass, h, inertia)), momenta
 
 
-def _rows(pair: tuple[Vector, Vector], zero: jax.Array, like: jax.Array) -> list[jax.Array]:
+def _rows(pair: tuple[Vector, Vector], length: int, zero: jax.Array) -> list[jax.Array]:
     """The six components as arrays over the links of a segment; `zero` has the batch's shape."""
-    shape = jnp.broadcast_shapes(like.shape, like.shape[: like.ndim - zero.ndim] + zero.shape)
-    return [jnp.broadcast_to(jnp.asarray(x, zero.dtype), shape) for vector in pair for x in vector]
+    return [jnp.broadcast_to(jnp.asarray(x, zero.dtype), (length, *zero.shape)) for vector in pair for x in vector]
 
 
 def _symmetric(tree: Tree, products: jax.Array, armature: jax.Array) -> jax.Array:

@@ -41,9 +41,7 @@ def compiled(spec: mujoco.MjSpec, origin: str) -> tuple[mujoco.MjModel, list[str
                     f"provide the file or write an <inertial>: {message}"
                 ) from error
         raise ModelFileError(f"{origin}: MuJoCo cannot compile the model: {message}") from error
-    return mj_model, [
-        f"shapes from files are dropped, as not every file can be read; no inertia needs them: {first_message}"
-    ]
+    return mj_model, [f"shapes from files are dropped, as not every file can be read; no inertia needs them: {first_message}"]
 
 
 def one_line(error: Exception) -> str:
@@ -79,7 +77,7 @@ def takes_inertia_from_geoms(body: mujoco.MjsBody) -> bool:
 def _has_mass(geom: mujoco.MjsGeom, compiler: mujoco.MjsCompiler) -> bool:
     first_group, last_group = compiler.inertiagrouprange
     mass = geom.density if math.isnan(geom.mass) else geom.mass
-    return mass > 0 and first_group <= geom.group <= last_group
+    return bool(mass > 0 and first_group <= geom.group <= last_group)
 
 
 def _files(spec: mujoco.MjSpec) -> list[str]:

@@ -10,13 +10,13 @@ caller asks for repair or takes it as it is.
 """
 
 import dataclasses
-import warnings
 
 import mujoco
 import numpy as np
 
-from kanejax._errors import InvalidInertiaError, UnphysicalInertiaWarning, UnsupportedModelError
+from kanejax._errors import InvalidInertiaError, UnphysicalInertiaWarning, UnsupportedModelError, warn_caller
 from kanejax._io.assets import bodies_and_motion, compiled, takes_inertia_from_geoms
+from kanejax._io.bounds import balanced_body, bounded_bodies, stated_numbers
 from kanejax._io.deficient import deficient_bodies, is_regular, strengthened
 from kanejax._io.inertial import (
     REPAIR_MASS,
@@ -45,17 +45,16 @@ class CompiledInertias:
 
 @dataclasses.dataclass(frozen=True)
 class _Stated:
-    """What a spec says of a body: mass, principal moments, their axes, and whether MuJoCo compiles that."""
+    """What a spec says of a body: mass, principal moments, their axes, whether MuJoCo compiles that or balances it first."""
 
     mass: float
     moments: np.ndarray
     axes: np.ndarray | None
     accepted: bool
+    balanced: bool
 
 
-def compile_with_stated_inertias(
-    spec: mujoco.MjSpec, origin: str, *, repair: bool, allow_unphysical: bool
-) -> CompiledInertias:
+def compile_with_stated_inertias(spec: mujoco.MjSpec, origin: str, *, repair: bool, allow_unphysical: bool) -> CompiledInertias:
     """Compile `spec`, which is edited, with every stated inertia that can be kept; `origin` names the file in errors.
 
     Raises InvalidInertiaError for a moving body whose numbers no rigid body can have, or that leaves the mass matrix
@@ -67,12 +66,15 @@ def compile_with_stated_inertias(
     ignored: list[str] = []
     repaired: list[str] = []
     bodies = bodies_and_motion(spec)
+    written = stated_numbers(bodies)
     for index, (body, moves) in enumerate(bodies):
         if index == 0 or takes_inertia_from_geoms(body):
             continue
         label = f"body {body.name!r}" if body.name else f"body number {index}"
         stated = _stated(body, f"{origin}: {label}")
         problem = defect(stated.mass, stated.moments)
+        if stated.balanced:
+            repaired.append(balanced_body(label))
         if problem and repair:
             stated = _repaired(stated)
             repaired.append(f"{label}: {problem}; changed to {_described(stated.mass, stated.moments)}")
@@ -81,7 +83,7 @@ def compile_with_stated_inertias(
         elif problem and not allow_unphysical:
             refused.append(f"{label}: {problem}")
         elif problem:
-            warnings.warn(f"{origin}: {label}: {problem}; kept as it is", UnphysicalInertiaWarning, stacklevel=4)
+            warn_caller(f"{origin}: {label}: {problem}; kept as it is", UnphysicalInertiaWarning)
         if not stated.accepted:
             substituted[index] = (stated, *_substitute(body, stated))
     if refused:
@@ -93,6 +95,7 @@ def compile_with_stated_inertias(
         # The compiled placeholder differs from the one written only by a scale that the file asks for, if by any.
         mj_model.body_mass[index] = stated.mass * (mj_model.body_mass[index] / placeholder_mass)
         mj_model.body_inertia[index] = stated.moments * (mj_model.body_inertia[index] / placeholder_moments)
+    repaired += bounded_bodies(mj_model, bodies, written)
     changed = _complete(mj_model, origin, repair, repaired) if any(bodies[index][1] for index in substituted) else []
     if substituted and is_regular(mj_model):
         mujoco.mj_setConst(mj_model, mujoco.MjData(mj_model))
@@ -126,10 +129,10 @@ def _stated(body: mujoco.MjsBody, label: str) -> _Stated:
     accepted = moments.min() >= smallest and mass >= (_SMALLEST_JOINTED if body.joints else 0.0)
     mass, moments = max(mass, compiler.boundmass or mass), np.maximum(moments, compiler.boundinertia or -np.inf)
     margin = moments.sum() / 2 - moments.max()
-    if margin < 0 and compiler.balanceinertia:
-        moments = np.full(3, moments.mean())
-        margin = 0.0
-    return _Stated(mass, moments, axes, bool(accepted and margin >= rounding))
+    balanced = bool(margin < 0 and compiler.balanceinertia)
+    if balanced:
+        moments, margin = np.full(3, moments.mean()), 0.0
+    return _Stated(mass, moments, axes, bool(accepted and margin >= rounding), balanced)
 
 
 def _repaired(stated: _Stated) -> _Stated:
@@ -157,9 +160,7 @@ def _substitute(body: mujoco.MjsBody, stated: _Stated) -> tuple[float, np.ndarra
 def _check_nothing_derived(spec: mujoco.MjSpec, origin: str) -> None:
     """Refuse numbers that MuJoCo would compute from the placeholders."""
     if spec.compiler.settotalmass > 0:
-        raise UnsupportedModelError(
-            f"{origin}: settotalmass needs inertias that MuJoCo compiles; remove it from the file"
-        )
+        raise UnsupportedModelError(f"{origin}: settotalmass needs inertias that MuJoCo compiles; remove it from the file")
     for joint in spec.joints:
         if np.all(np.array(joint.springdamper) > 0):
             raise UnsupportedModelError(

@@ -13,7 +13,7 @@ from kanejax._io.inertial import Inertial
 from kanejax._io.repair import compile_with_stated_inertias
 from kanejax._io.unsupported import refused_features, unmodelled_features
 from kanejax._io.urdf import prepared_urdf
-from kanejax._io.xml_text import parsed_xml
+from kanejax._io.xml_text import check_included_files, parsed_xml
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,14 +21,17 @@ class CompiledSource:
     """A compiled model with every link of its file as a body, and what differs from the file.
 
     `mj_model` carries the masses and inertias that the file states, also where MuJoCo alone would refuse them;
-    `inertials` repeats those, by body id. `ignored` has a sentence for each feature of the file that is not modelled,
-    `repaired` one for each number that was changed.
+    `inertials` repeats those, by body id. `ignored` has a sentence for each feature of the file that is not modelled, those
+    that change the dynamics first, which are also in `refused`; `repaired` has one for each number that was changed.
+    `origin` is the file or what else it was.
     """
 
     mj_model: mujoco.MjModel
     inertials: dict[int, Inertial]
     ignored: tuple[str, ...]
     repaired: tuple[str, ...]
+    refused: tuple[str, ...] = ()
+    origin: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,29 +68,38 @@ def compile_source(
     refused = (*opened.refused, *refused_features(mj_model))
     if strict and refused:
         raise UnsupportedModelError(
-            f"{opened.origin}: not modelled: {'; '.join(refused)}. "
-            "Remove it from the file, or load with strict=False to ignore it"
+            f"{opened.origin}: not modelled: {'; '.join(refused)}. Remove it from the file, or load with strict=False to ignore it"
         )
     ignored = (*refused, *opened.ignored, *result.ignored, *unmodelled_features(mj_model))
-    return CompiledSource(mj_model, result.inertials, ignored, (*opened.repaired, *result.repaired))
+    repaired = (*opened.repaired, *result.repaired)
+    return CompiledSource(mj_model, result.inertials, ignored, repaired, refused, opened.origin)
 
 
 def _opened(source: str | os.PathLike | mujoco.MjSpec, repair: bool) -> _Opened:
-    if isinstance(source, mujoco.MjSpec):
+    if not isinstance(source, str | os.PathLike):
+        if not isinstance(source, mujoco.MjSpec):
+            raise TypeError(
+                f"cannot load from {type(source).__name__}: give a path, XML text or an MjSpec; from_mujoco takes an MjModel"
+            )
         return _Opened(source.copy(), "MjSpec")
-    path = None if isinstance(source, str) and source.lstrip().startswith("<") else Path(source)
-    origin = "XML string" if path is None else str(path)
-    data = _declaration_first(source) if path is None else _read(path)
+    if isinstance(source, str) and source.lstrip().startswith("<"):
+        data = _declaration_first(source)
+        return _opened_xml(data, None, data, "XML string", repair)
+    path = Path(source)
+    return _opened_xml(_read(path), path, "", str(path), repair)
+
+
+def _opened_xml(data: bytes | str, path: Path | None, xml: str, origin: str, repair: bool) -> _Opened:
+    """Let MuJoCo read an MJCF from `path`, or without one from `xml`, and a URDF from what is left of `data`."""
     root = parsed_xml(data, origin)
     if root.tag == "robot":
         prepared = prepared_urdf(root, origin, repair=repair)
         spec = _spec(prepared.xml, None, origin)
         return _Opened(spec, origin, prepared.refused, prepared.ignored, prepared.repaired)
     if root.tag == "mujoco":
-        return _Opened(_spec(data if path is None else "", path, origin), origin)
-    raise ModelFileError(
-        f"{origin}: the root element is <{root.tag}>; a URDF starts with <robot>, an MJCF with <mujoco>"
-    )
+        check_included_files(root, Path() if path is None else path.parent)
+        return _Opened(_spec(xml, path, origin), origin)
+    raise ModelFileError(f"{origin}: the root element is <{root.tag}>; a URDF starts with <robot>, an MJCF with <mujoco>")
 
 
 def _declaration_first(xml: str) -> str:

@@ -8,8 +8,6 @@ Modelled, hence in neither list: gravity, hinge, slide, ball and free joints, ar
 stiffness, friction loss of joints. Joint limits are in neither list because a simulation can treat them as events.
 """
 
-from collections.abc import Iterable
-
 import mujoco
 import numpy as np
 
@@ -37,10 +35,15 @@ def unmodelled_features(mj_model: mujoco.MjModel) -> list[str]:
         (int((mj_model.eq_active0 == 0).sum()), "equality constraints that start inactive stay inactive ({})"),
         (len(_mocap_bodies(mj_model, moving=False)), "mocap bodies stay where the model puts them ({})"),
         (mj_model.nsensor, "sensors are not computed ({})"),
+        (_limited_ball_joints(mj_model), "ranges of ball joints are not read ({})"),
         (mj_model.nkey, "keyframes are not read ({})"),
         (mj_model.nskin, "skins are not read ({})"),
     )
     return [text.format(count) for count, text in counted if count]
+
+
+def _limited_ball_joints(mj_model: mujoco.MjModel) -> int:
+    return int(np.sum((mj_model.jnt_type == mujoco.mjtJoint.mjJNT_BALL) & (mj_model.jnt_limited != 0)))
 
 
 def _refused_options(mj_model: mujoco.MjModel) -> list[str]:
@@ -135,7 +138,7 @@ def _rows_with_values(values: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.any(values, axis=tuple(range(1, values.ndim))))
 
 
-def _named(mj_model: mujoco.MjModel, accessor: str, indices: Iterable[int], kind: str | None = None) -> str:
+def _named(mj_model: mujoco.MjModel, accessor: str, indices: np.ndarray | list[int], kind: str | None = None) -> str:
     """Return for instance "body 'a', 'b'"; unnamed elements go by number, and a long list is cut."""
     names = [getattr(mj_model, accessor)(int(index)).name or f"number {int(index)}" for index in indices]
     listed = ", ".join(repr(name) for name in names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")

@@ -59,10 +59,11 @@ def prepared_urdf(robot: ElementTree.Element, origin: str, *, repair: bool) -> P
 
 
 def _mimic_sentences(joints: list[ElementTree.Element]) -> list[str]:
+    mimics = [(joint.get("name"), joint.find("mimic")) for joint in joints if joint.get("type") != FIXED]
     return [
-        f"joint {joint.get('name')!r} mimics joint {joint.find('mimic').get('joint')!r}: mimic joints are not modelled"
-        for joint in joints
-        if joint.find("mimic") is not None and joint.get("type") != FIXED
+        f"joint {name!r} mimics joint {mimic.get('joint')!r}: mimic joints are not modelled"
+        for name, mimic in mimics
+        if mimic is not None
     ]
 
 
@@ -78,7 +79,7 @@ def _ignored_sentences(
 ) -> list[str]:
     shapes = [link for link in links if link.find("visual") is not None or link.find("collision") is not None]
     colliding = [link for link in links if link.find("collision") is not None]
-    massless = [link.get("name") for link in colliding if link.find("inertial") is None]
+    massless = [link.get("name", "") for link in colliding if link.find("inertial") is None]
     moving = [joint for joint in joints if joint.get("type") != FIXED]
     sentences = []
     if shapes:
@@ -89,7 +90,7 @@ def _ignored_sentences(
         count = sum(joint.find(tag) is not None for joint in moving)
         if count:
             sentences.append(f"<{tag}> {consequence} ({count} joints have one)")
-    if any(joint.find("limit") is not None and joint.find("limit").get("velocity") is not None for joint in moving):
+    if any(limit.get("velocity") is not None for joint in moving for limit in joint.findall("limit")):
         sentences.append("velocity limits of joints are not enforced")
     for joint in moving:
         limit = joint.find("limit")
@@ -101,9 +102,10 @@ def _ignored_sentences(
 
 
 def _is_empty_range(limit: ElementTree.Element | None) -> bool:
-    if limit is None or limit.get("lower") is None or limit.get("upper") is None:
+    if limit is None:
         return False
-    return float(limit.get("lower")) == float(limit.get("upper"))
+    lower, upper = limit.get("lower"), limit.get("upper")
+    return lower is not None and upper is not None and float(lower) == float(upper)
 
 
 def _strip(robot: ElementTree.Element, links: list[ElementTree.Element], joints: list[ElementTree.Element]) -> None:
@@ -115,7 +117,7 @@ def _strip(robot: ElementTree.Element, links: list[ElementTree.Element], joints:
     for joint in joints:
         _keep(joint, _KEPT_IN_JOINT)
         limit = joint.find("limit")
-        if _is_empty_range(limit):
+        if limit is not None and _is_empty_range(limit):
             # MuJoCo ignores such limits too, but logs each to a file.
             del limit.attrib["lower"], limit.attrib["upper"]
 

@@ -16,9 +16,7 @@ _INERTIA_ATTRIBUTES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 def check_expanded(robot: ElementTree.Element, origin: str) -> None:
     """Refuse a xacro template and a file without links."""
     if any("xacro" in element.tag for element in robot.iter()):
-        raise ModelFileError(
-            f"{origin}: the file is a xacro template; expand it first with `xacro in.xacro > out.urdf`"
-        )
+        raise ModelFileError(f"{origin}: the file is a xacro template; expand it first with `xacro in.xacro > out.urdf`")
     if robot.find("link") is None:
         raise ModelFileError(f"{origin}: the <robot> has no <link>, so there is nothing to load")
 
@@ -28,9 +26,7 @@ def check_links(links: list[ElementTree.Element], origin: str) -> None:
     names = [text_of(link, "name", origin) for link in links]
     repeated = _repeated(names)
     if repeated:
-        raise ModelFileError(
-            f"{origin}: {names.count(repeated[0])} links are named {repeated[0]!r}; rename all but one"
-        )
+        raise ModelFileError(f"{origin}: {names.count(repeated[0])} links are named {repeated[0]!r}; rename all but one")
 
 
 def check_joints(joints: list[ElementTree.Element], origin: str, repair: bool, repaired: list[str]) -> None:
@@ -66,15 +62,15 @@ def _check_joint_numbers(joint: ElementTree.Element, owner: str, repair: bool, r
             axis.set("xyz", "1 0 0")
     for tag, attributes in (("dynamics", ("damping", "friction")), ("limit", ("lower", "upper", "effort", "velocity"))):
         element = joint.find(tag)
-        for attribute in attributes if element is not None else ():
-            if element.get(attribute) is not None:
+        for attribute in attributes:
+            if element is not None and element.get(attribute) is not None:
                 numbers_of(element, attribute, 1, owner)
 
 
 def _check_origin(element: ElementTree.Element, owner: str) -> None:
     origin = element.find("origin")
-    for attribute in ("xyz", "rpy") if origin is not None else ():
-        if origin.get(attribute) is not None:
+    for attribute in ("xyz", "rpy"):
+        if origin is not None and origin.get(attribute) is not None:
             numbers_of(origin, attribute, 3, owner)
 
 

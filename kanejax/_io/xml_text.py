@@ -2,6 +2,7 @@
 
 import math
 import xml.parsers.expat
+from pathlib import Path
 from xml.etree import ElementTree
 
 from kanejax._errors import ModelFileError
@@ -25,6 +26,22 @@ def parsed_xml(data: bytes | str, origin: str) -> ElementTree.Element:
     except xml.parsers.expat.ExpatError as error:
         raise ModelFileError(f"{origin}: line {error.lineno} is not well-formed XML: {error}") from error
     return ElementTree.fromstring(data)
+
+
+def check_included_files(root: ElementTree.Element, folder: Path) -> None:
+    """Check the files that an MJCF includes, and those that they include, as `parsed_xml` does.
+
+    MuJoCo looks for them from `folder`, that of the main file. Files that are not there are left for MuJoCo to report.
+    """
+    files = [element.get("file", "") for element in root.iter("include")]
+    seen: set[Path] = set()
+    while files:
+        path = folder / files.pop()
+        if path in seen or not path.is_file():
+            continue
+        seen.add(path)
+        included = parsed_xml(path.read_bytes(), str(path))
+        files += [element.get("file", "") for element in included.iter("include")]
 
 
 def text_of(element: ElementTree.Element, attribute: str, owner: str) -> str:

@@ -4,14 +4,15 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from kanejax._evaluate import check_state, evaluate
 from kanejax._kinematics.position import world_frames
-from kanejax._model.links import Frames, body_frames
+from kanejax._model.links import body_poses_in_links, compose
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, displacement
-from kanejax._model.tree import WORLD, Tree
+from kanejax._model.tree import Tree
 from kanejax._types import Coordinates
 
 
@@ -41,20 +42,13 @@ def poses(model: Model, q: Coordinates) -> Poses:
     """
     check_state(model, q=q)
     link_rotation, link_origin = evaluate(_link_frames, model, q)
-    local = body_frames(model)
-    carrier = [link for link in model.tree.body_links]
-    turned = jnp.stack([jnp.eye(3, dtype=link_rotation.dtype), *link_rotation])
-    moved = jnp.stack([jnp.zeros(3, link_origin.dtype), *link_origin])
-    row = jnp.array([link - WORLD for link in carrier])
-    rotation = jnp.einsum("kij,kjl->kil", turned[row], _matrix(local), precision="highest")
-    offset = jnp.stack(local.position, -1)
-    origin = moved[row] + jnp.einsum("kij,kj->ki", turned[row], offset, precision="highest")
-    com = origin + jnp.einsum("kij,kj->ki", rotation, model.com.astype(rotation.dtype), precision="highest")
+    links = jnp.concatenate((link_rotation, link_origin[..., None]), -1)
+    links = jnp.concatenate((links, jnp.eye(3, 4, dtype=links.dtype)[None]))
+    # Bodies without a link are fixed in the world, the last row.
+    bodies = compose(links[np.array(model.tree.body_links, int)], body_poses_in_links(model))
+    rotation, origin = bodies[..., :3], bodies[..., 3]
+    com = origin + jnp.sum(rotation * model.com[:, None, :], -1)
     return Poses(rotation, origin, com, link_rotation, link_origin)
-
-
-def _matrix(frames: Frames) -> Float[Array, "n 3 3"]:
-    return jnp.stack([jnp.stack(row, -1) for row in frames.rotation], -2)
 
 
 def _link_frames(tree: Tree, prepared: Prepared, q: jax.Array) -> tuple[jax.Array, jax.Array]:

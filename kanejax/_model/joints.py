@@ -5,7 +5,7 @@ frames, so that the components of the axis are known numbers. A class here says,
 joint type; the recursions are the same for all.
 """
 
-from typing import ClassVar, Protocol, final
+from typing import ClassVar, final
 
 from kanejax._scalar import (
     IDENTITY,
@@ -27,7 +27,7 @@ Axis = tuple[Vector, Vector]
 Features = tuple[Scalar, ...]
 
 
-class JointKind(Protocol):
+class AbstractJoint:
     """What the recursions need to know of a joint type."""
 
     nq: ClassVar[int]
@@ -36,26 +36,26 @@ class JointKind(Protocol):
     @staticmethod
     def features(q: tuple[Scalar, ...], revolute: Scalar) -> Features:
         """What placing needs of the coordinates, computed for all links at once before the recursion."""
-        ...
+        raise NotImplementedError
 
     @staticmethod
     def place(rotation: Matrix, position: Vector, features: Features) -> tuple[Matrix, Vector]:
         """Rotation from link to parent axes and position in the parent, from those at zero displacement."""
-        ...
+        raise NotImplementedError
 
     @staticmethod
     def link_axes(rotation: Matrix, features: Features) -> tuple[Axis, ...]:
         """The axes of motion in the link's components; `rotation` is from link to parent axes."""
-        ...
+        raise NotImplementedError
 
     @staticmethod
     def world_axes(rotation: Matrix, features: Features) -> tuple[Axis, ...]:
         """The axes of motion in world components; `rotation` is from link to world axes."""
-        ...
+        raise NotImplementedError
 
 
 @final
-class Revolute:
+class Revolute(AbstractJoint):
     """Rotation about the z axis of the link."""
 
     nq: ClassVar[int] = 1
@@ -83,7 +83,7 @@ class Revolute:
 
 
 @final
-class Prismatic:
+class Prismatic(AbstractJoint):
     """Translation along the z axis of the link."""
 
     nq: ClassVar[int] = 1
@@ -111,7 +111,7 @@ class Prismatic:
 
 
 @final
-class Mixed:
+class Mixed(AbstractJoint):
     """Revolute or prismatic, told apart by a mask: for chains that have both, so that one scan runs over them."""
 
     nq: ClassVar[int] = 1
@@ -142,7 +142,7 @@ class Mixed:
 
 
 @final
-class Ball:
+class Ball(AbstractJoint):
     """Any rotation: coordinates are a quaternion (w, x, y, z), speeds the angular velocity in the link's axes."""
 
     nq: ClassVar[int] = 4
@@ -171,7 +171,7 @@ class Ball:
 
 
 @final
-class Free:
+class Free(AbstractJoint):
     """Floating base: position and quaternion in the world; speeds are the velocity of the link's origin in world axes and the
     angular velocity in the link's axes, as in MuJoCo.
     """  # noqa: D205
@@ -200,7 +200,7 @@ class Free:
         return (*((ZERO, axis) for axis in IDENTITY), *((column(rotation, j), ZERO) for j in range(3)))
 
 
-KINDS: dict[str, type[JointKind]] = {
+KINDS: dict[str, type[AbstractJoint]] = {
     "revolute": Revolute,
     "prismatic": Prismatic,
     "mixed": Mixed,

@@ -1,10 +1,13 @@
 """The model: every number that the dynamics depend on, as one pytree."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from kanejax._model import view
 from kanejax._model.tree import Tree
 
 
@@ -89,6 +92,31 @@ class Model(eqx.Module):
     def astype(self, dtype: jax.typing.DTypeLike) -> "Model":
         """The same model with leaves of another data type."""
         return jax.tree.map(lambda leaf: leaf.astype(dtype), self)
+
+    def body(self, name: str) -> "view.BodyView":
+        """View of the body called `name`, to read its numbers or to `set` them in a new model.
+
+        Raises:
+            UnknownNameError: there is no such body; the message lists those there are.
+        """
+        return view.BodyView(self, self.tree.body(name))
+
+    def joint(self, name: str) -> "view.JointView":
+        """View of the joint called `name`, to read its numbers or to `set` them in a new model.
+
+        Raises:
+            UnknownNameError: there is no such joint; the message lists those there are.
+        """
+        return view.JointView(self, self.tree.joint(name))
+
+    def replace(self, **leaves: Any) -> "Model":
+        """The same model with other leaves, given by name and converted to its data type.
+
+        Raises:
+            UnknownNameError: a model has no such leaf; the message lists those it has.
+            ValueError: a shape does not fit the tree.
+        """
+        return view.replaced(self, **leaves)
 
 
 def leaf_shapes(tree: Tree) -> dict[str, tuple[int, ...]]:

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from kanejax._model.links import Links, link_parameters
+from kanejax._model.links import LinkParameters, link_parameters
 from kanejax._model.model import Model
 from kanejax._model.tree import COORDINATES, Tree
 
@@ -14,7 +14,7 @@ from kanejax._model.tree import COORDINATES, Tree
 class Prepared(NamedTuple):
     """Link parameters, gravity, and the parameters of joints and speeds, with trailing batch axes."""
 
-    links: Links
+    links: LinkParameters
     gravity: jax.Array
     armature: jax.Array
     damping: jax.Array
@@ -41,6 +41,13 @@ def prepare(model: Model) -> Prepared:
         model.coulomb_friction,
         model.friction_width,
     )
+
+
+def batch_shape(prepared: Prepared) -> tuple[int, ...]:
+    """The trailing batch axes of all parameters together."""
+    rotation, position, mass, first_moment, inertia = prepared.links
+    shapes = [rotation.shape[3:], position.shape[2:], mass.shape[1:], first_moment.shape[2:], inertia.shape[2:]]
+    return jnp.broadcast_shapes(*shapes, *(x.shape[1:] for x in prepared[1:]))
 
 
 def displacement(tree: Tree, prepared: Prepared, q: jax.Array) -> jax.Array:

@@ -1,0 +1,1 @@
+"""Simulation: the equations of motion and the kinematical equations, integrated by diffrax."""

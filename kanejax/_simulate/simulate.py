@@ -1,0 +1,200 @@
+"""Simulation of one trajectory."""
+
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+
+from kanejax._model.model import Model
+from kanejax._simulate.checks import check_positive, check_within_limits, checked_state, checked_times
+from kanejax._simulate.control import Controlled, TorqueTable, as_control, check_control
+from kanejax._simulate.events import as_conditions
+from kanejax._simulate.quaternion import unit_quaternions
+from kanejax._simulate.solve import Settings, solve, solve_fixed, solve_restarting
+from kanejax._simulate.system import system
+from kanejax._simulate.trajectory import Trajectory, raise_unless_ok
+
+# What diffrax's implicit solvers have for a tolerance that nobody gave.
+_UNSET = diffrax.with_stepsize_controller_tols(optx.Chord)().rtol
+
+
+def simulate(
+    model: Model,
+    q0: Any,
+    u0: Any,
+    ts: Any,
+    *,
+    control: Any = None,
+    solver: diffrax.AbstractSolver | None = None,
+    dt0: Any = None,
+    rtol: Any = None,
+    atol: Any = None,
+    stepsize_controller: diffrax.AbstractStepSizeController | None = None,
+    adjoint: diffrax.AbstractAdjoint | None = None,
+    events: Any = None,
+    joint_limits: bool = False,
+    on_event: Callable[..., Any] | None = None,
+    max_events: int = 16,
+    dense: bool = False,
+    max_steps: int = 4096,
+    throw: bool = False,
+) -> Trajectory:
+    """Move a mechanism from an initial state through time.
+
+    Steps adapt to the tolerances, unless `dt0` asks for equal steps. The model's leaves, the initial state, the control's
+    parameters and the events can be differentiated, and failing is a value in the result, so that in a batch one bad trajectory harms no
+    other.
+
+    Batches: `jax.vmap` over any of the arguments, or `simulate_batch` for any number in constant memory. Under vmap adaptive steps
+    go in lock-step: each trajectory has its own step size, but all of them take as many steps as the one that needs most. Batch
+    trajectories that are alike, loosen the tolerances for the few that are hard, or use equal steps, which waste nothing.
+
+    Gradients: reverse mode works with the defaults. With equal steps it keeps the states of all stages, about 1 kB a step for an arm
+    with seven joints; for long simulations `adjoint=diffrax.RecursiveCheckpointAdjoint()` keeps few and evaluates the others
+    again. Forward mode, faster for few parameters, works with equal steps, and with adaptive ones through
+    `adjoint=diffrax.ForwardMode()`. `diffrax.DirectAdjoint()` has both modes for adaptive steps, but pays for `max_steps` steps.
+
+    Args:
+        model: the mechanism.
+        q0: generalized coordinates at the first time; quaternions (w, x, y, z) are normalised.
+        u0: generalized speeds at the first time.
+        ts: times [s] to save, strictly increasing; the simulation starts at the first and ends at the last.
+        control: forces at the joints: a function of (t, q, u), which may be an `equinox.Module` with parameters; a pair of a function of
+            (t, q, u, params) and params; a `TorqueTable`; or None for zero. A new function object compiles again.
+        solver: of diffrax, or a `BetaScheme`; by default `diffrax.Tsit5()`. Stiff mechanisms need an implicit one such as
+            `diffrax.Kvaerno5()`.
+        dt0: with it, equal steps no longer than this [s]. Each interval between saved times is divided alike if `ts` and `dt0` are
+            known while tracing (numpy arrays, not `jnp.linspace` inside `jax.jit`) and there is nothing to interpolate: no events,
+            `dense` or `adjoint`. Otherwise steps of this length from the first time on. With an adaptive `stepsize_controller`,
+            the first step.
+        rtol: relative tolerance for adaptive and implicit steps, by default 1e-6 (float32: 1e-4).
+        atol: absolute tolerance, by default 1e-8 (float32: 1e-6).
+        stepsize_controller: of diffrax, instead of what `dt0`, `rtol` and `atol` describe.
+        adjoint: of diffrax: how to differentiate.
+        events: what stops the simulation: a scalar function of (t, q, u), whose zero crossings do, a `StateEvent`, or a mapping
+            of names to those. Of two events in one step the first in this order counts.
+        joint_limits: also stop where a joint leaves `model.joint_range`, an event called "joint limit".
+        on_event: function (t, q, u) -> (q, u): go on with this state after an event instead of stopping, such as `JointLimitBounce`.
+            An `equinox.Module` can have parameters. Events need a direction then.
+        max_events: how many events are passed on to `on_event`; the next one stops.
+        dense: keep what `Trajectory.evaluate` needs for any time, for `max_steps` steps.
+        max_steps: stop after this many adaptive steps, between one event and the next.
+        throw: raise SimulationError if the simulation does not reach its end; for single trajectories.
+
+    Returns:
+        The trajectory, with its status.
+
+    Raises:
+        ValueError: an argument has a wrong shape, data type or value; values are looked at outside of jit and vmap only.
+        SimulationError: with `throw`.
+    """
+    q0, u0 = checked_state(model, q0, u0)
+    ts = checked_times(ts, model.dtype)
+    check_positive(dt0=dt0, rtol=rtol, atol=atol, max_steps=max_steps, max_events=max_events)
+    if joint_limits:
+        check_within_limits(model, q0)
+    control = as_control(control)
+    check_control(control, ts[0], q0, u0)
+    if on_event is not None and (dense or not (joint_limits or events)):
+        raise ValueError("on_event needs events or joint_limits, and cannot be combined with dense")
+    conditions, names = as_conditions(model, events, joint_limits, need_direction=on_event is not None)
+    rtol = _tolerance(rtol, 1e-6, 1e-4, model.dtype)
+    atol = _tolerance(atol, 1e-8, 1e-6, model.dtype)
+    plain = stepsize_controller is None and adjoint is None and not conditions and not dense
+    substeps = _substeps(ts, dt0) if plain else None
+    if stepsize_controller is None:
+        stepsize_controller = _controller(control, dt0, rtol, atol, ts)
+    if solver is None:
+        solver = diffrax.Tsit5()
+    solver = _prepared_solver(solver, stepsize_controller, rtol, atol)
+    adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
+    settings = Settings(solver, stepsize_controller, adjoint, conditions, dt0, max_steps, dense)
+    trajectory = _simulate(model, q0, u0, ts, control, settings, substeps, on_event, max_events, names)
+    return raise_unless_ok(trajectory) if throw else trajectory
+
+
+@eqx.filter_jit
+def _simulate(
+    model: Model,
+    q0: jax.Array,
+    u0: jax.Array,
+    ts: jax.Array,
+    control: Controlled,
+    settings: Settings,
+    substeps: int | None,
+    on_event: Callable[..., Any] | None,
+    max_events: int,
+    names: tuple[str, ...],
+) -> Trajectory:
+    moving = system(model, control)
+    y0 = jnp.concatenate((unit_quaternions(model.tree, q0), u0))
+    if substeps is not None:
+        solution = solve_fixed(settings.solver, moving, y0, ts, substeps)
+    elif on_event is None:
+        solution = solve(settings, moving, y0, ts[0], ts)
+    else:
+        solution = solve_restarting(settings, moving, y0, ts, on_event, max_events)
+    q_end, u_end = moving.split(solution.y_end)
+    reached = (ts <= solution.t_end)[:, None]
+    # Times that were not reached get a harmless state first, whose derivatives are finite.
+    q, u = (jnp.where(reached, x, jnp.nan) for x in moving.split(jnp.where(reached, solution.saved, y0)))
+    return Trajectory(
+        ts=ts,
+        q=q,
+        u=u,
+        t_end=solution.t_end,
+        q_end=q_end,
+        u_end=u_end,
+        status=solution.status,
+        event=solution.event,
+        num_events=solution.num_events,
+        stats=solution.stats,
+        interpolation=solution.interpolation,
+        tree=model.tree,
+        event_names=names,
+    )
+
+
+def _tolerance(given: Any, double: float, single: float, dtype: Any) -> Any:
+    if given is None:
+        given = double if dtype == jnp.float64 else single
+    return given if isinstance(given, float | int) else jnp.asarray(given, dtype)
+
+
+def _substeps(ts: jax.Array, dt0: Any) -> int | None:
+    """Equal steps between saved times, if they are known."""
+    if dt0 is None or isinstance(ts, jax.core.Tracer) or isinstance(dt0, jax.core.Tracer):
+        return None
+    # A step that fits but for rounding errors fits.
+    return max(1, int(np.ceil(np.max(np.diff(np.asarray(ts, float))) / float(dt0) * (1 - 1e-6))))
+
+
+def _controller(control: Controlled, dt0: Any, rtol: Any, atol: Any, ts: jax.Array) -> diffrax.AbstractStepSizeController:
+    if dt0 is not None:
+        return diffrax.ConstantStepSize()
+    if isinstance(control.function, TorqueTable) and control.function.interpolation == "hold":
+        jumps = jax.lax.stop_gradient(control.function.ts).astype(ts.dtype)
+        return diffrax.ClipStepSizeController(diffrax.PIDController(rtol=rtol, atol=atol), jump_ts=jumps)
+    # Shorter steps would not advance the time.
+    shortest = 16 * jnp.finfo(ts.dtype).eps * jnp.maximum(jnp.abs(ts[0]), jnp.abs(ts[-1]))
+    return diffrax.PIDController(rtol=rtol, atol=atol, dtmin=shortest, force_dtmin=False)
+
+
+def _prepared_solver(
+    solver: diffrax.AbstractSolver, controller: diffrax.AbstractStepSizeController, rtol: Any, atol: Any
+) -> diffrax.AbstractSolver:
+    """Loop over the stages so that forward and reverse mode both work, and give an implicit solver the tolerances it lacks."""
+    if getattr(solver, "scan_kind", "") is None:
+        solver = eqx.tree_at(lambda s: s.scan_kind, solver, "bounded", is_leaf=lambda x: x is None)
+    adaptive = isinstance(controller, diffrax.AbstractAdaptiveStepSizeController)
+    if isinstance(solver, diffrax.AbstractImplicitSolver) and not adaptive:
+        given = {"rtol": rtol, "atol": atol, "norm": optx.rms_norm}
+        for name, value in given.items():
+            if getattr(solver.root_finder, name) is _UNSET:
+                solver = eqx.tree_at(lambda s: getattr(s.root_finder, name), solver, value)  # noqa: B023
+    return solver

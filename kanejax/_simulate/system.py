@@ -1,0 +1,46 @@
+"""The state's rates as diffrax wants them: coordinates and speeds in one vector, one kernel an evaluation."""
+
+from typing import final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from kanejax._dynamics.equations_of_motion import _forward_dynamics
+from kanejax._evaluate import evaluate_prepared
+from kanejax._model.model import Model
+from kanejax._model.prepared import Prepared, prepare
+from kanejax._model.tree import Tree
+from kanejax._simulate.control import Controlled
+from kanejax._simulate.quaternion import kinematical_rates, unit_quaternions
+
+
+@final
+class System(eqx.Module):
+    """What the rates depend on besides time and state: diffrax's `args`. The links' parameters are computed once."""
+
+    prepared: Prepared
+    control: Controlled
+    tree: Tree = eqx.field(static=True)
+
+    def split(self, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Coordinates, quaternions of unit length, and speeds of states (..., nq + nv)."""
+        return unit_quaternions(self.tree, y[..., : self.tree.nq]), y[..., self.tree.nq :]
+
+
+def system(model: Model, control: Controlled) -> System:
+    """Prepare a model for many evaluations."""
+    return System(prepare(model), control, model.tree)
+
+
+def rates(t: jax.Array, y: jax.Array, system: System) -> jax.Array:
+    """Rates of coordinates and speeds at time t."""
+    q, u = y[: system.tree.nq], y[system.tree.nq :]
+    tau = system.control(t, *system.split(y))
+    return evaluate_prepared(_state_rates, system.tree, system.prepared, q, u, tau)
+
+
+def _state_rates(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, tau: jax.Array) -> jax.Array:
+    u_dot = _forward_dynamics(tree, prepared, q, u, tau)
+    q_dot = kinematical_rates(tree, q, u, restore=True)
+    return jnp.concatenate(jax.lax.optimization_barrier((q_dot, u_dot)))
