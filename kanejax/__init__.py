@@ -61,3 +61,8 @@ from kanejax._simulate.trajectory import (
     Status as Status,
     Trajectory as Trajectory,
 )
+from kanejax.validate import (
+    ValidationReport as ValidationReport,
+    ValidationRow as ValidationRow,
+    validate as validate,
+)

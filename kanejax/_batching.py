@@ -17,6 +17,7 @@ from typing import Any, final
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
@@ -63,7 +64,9 @@ class Tangent:
     def __call__(self, *operands: jax.Array) -> Arrays:
         """Evaluate."""
         along, at = _vary(self, operands)
-        return jax.jvp(along, at, operands[self.count :])[1]
+        # Of an operand and its tangent, one may be shared by the batch.
+        pairs = [jnp.broadcast_arrays(x, t) for x, t in zip(at, operands[self.count :], strict=True)]
+        return jax.jvp(along, tuple(x for x, _ in pairs), tuple(t for _, t in pairs))[1]
 
     def linear_operands(self, total: int) -> tuple[int, ...]:
         """The tangents, and what the kernel is linear in."""
@@ -154,10 +157,10 @@ def _run_chunk(operands: Any, kernel: Any, size: int, batched: tuple, summed: tu
         # A gradient for each member of the batch needs a copy of what it is the gradient of for each.
         for owner, adds in zip(owners, summed, strict=True):
             if not adds and not batched[owner]:
-                inner[owner] = jnp.broadcast_to(inner[owner], inner[owner].shape[:-1] + (size,))
+                inner[owner] = jnp.broadcast_to(inner[owner], (*inner[owner].shape[:-1], size))
     results = lax.optimization_barrier(kernel(*inner))
     return [
-        jnp.sum(r, -1) if adds else jnp.moveaxis(jnp.broadcast_to(r, r.shape[:-1] + (size,)), -1, 0)
+        jnp.sum(r, -1) if adds else jnp.moveaxis(jnp.broadcast_to(r, (*r.shape[:-1], size)), -1, 0)
         for r, adds in zip(results, summed, strict=True)
     ]
 
@@ -181,7 +184,7 @@ def _shapes(*operands: Any, **params: Any) -> list[Any]:
     results = jax.eval_shape(
         functools.partial(_run, chunk=None, **params), *(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in operands)
     )
-    return [jax.core.ShapedArray(r.shape, r.dtype) for r in results]
+    return [ShapedArray(r.shape, r.dtype) for r in results]
 
 
 def _batch(operands: Arrays, dims: tuple, *, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> tuple:
@@ -190,7 +193,9 @@ def _batch(operands: Arrays, dims: tuple, *, kernel: Any, size: int | None, batc
         return _batch_again(operands, dims, length, kernel=kernel, size=size, batched=batched, summed=summed)
     moving = tuple(d is not None for d in dims)
     first = [jnp.moveaxis(x, d, 0) if moves else x for x, d, moves in zip(operands, dims, moving, strict=True)]
-    count = len(jax.eval_shape(kernel, *(jax.ShapeDtypeStruct(x.shape[moves:], x.dtype) for x, moves in zip(first, moving, strict=True))))
+    count = len(
+        jax.eval_shape(kernel, *(jax.ShapeDtypeStruct(x.shape[moves:], x.dtype) for x, moves in zip(first, moving, strict=True)))
+    )
     results = kernel_call.bind(*first, kernel=kernel, size=length, batched=moving, summed=(False,) * count)
     return results, (0,) * count
 

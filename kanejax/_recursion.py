@@ -6,7 +6,7 @@ few loops whatever the number of bodies, compiles in about a second, and runs in
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,6 @@ from kanejax._scalar import barrier, is_known
 from kanejax._types import Matrix, Scalar, Symmetric, Vector
 
 PyTree = Any
-T = TypeVar("T")
 Step = Callable[[type[AbstractJoint], PyTree, PyTree], tuple[PyTree, PyTree]]
 
 
@@ -97,7 +96,7 @@ def joint_features(tree: Tree, q: jax.Array) -> list[tuple[Scalar, ...]]:
     return barrier(parts)
 
 
-def join_links(tree: Tree, parts: list[T]) -> T:
+def join_links[T](tree: Tree, parts: list[T]) -> T:
     """Put components of (length, *batch) for each segment back together as (nlink, *batch)."""
     order = [link for segment in segments(tree) for link in segment.links]
     joined = parts[0] if len(parts) == 1 else jax.tree.map(lambda *rows: jnp.concatenate(rows), *barrier(parts))
@@ -166,7 +165,9 @@ def _outward(segment: Segment, step: Callable, start: PyTree, rows: PyTree, unro
         slots = lax.cond(saves, lambda: jax.tree.map(lambda kept, x: _write(kept, save, x), slots, state), lambda: slots)
         return (state, slots), output
 
-    (tip, kept), output = _scan(branching_step, (start, slots), (*_slot_rows(segment), rows), len(segment.links), unroll, reverse=False)
+    (tip, kept), output = _scan(
+        branching_step, (start, slots), (*_slot_rows(segment), rows), len(segment.links), unroll, reverse=False
+    )
     return tip, kept, output
 
 
@@ -183,7 +184,7 @@ def _inward(
             slots = jax.tree.map(lambda kept, x: kept.at[segment.kept(link)].set(x), slots, received[link])  # noqa: B023
 
     def branching_step(carry: tuple[PyTree, PyTree], row: tuple) -> tuple[tuple[PyTree, PyTree], PyTree]:
-        (after, slots), (restores, restore, saves, save, ends, inputs) = carry, row
+        (after, slots), (restores, restore, _, save, ends, inputs) = carry, row
         outer = jax.tree.map(lambda kept, x: jnp.where(ends, 0.0, x) + _read(kept, save), slots, after)
         sent, output = step(outer, inputs)
         slots = lax.cond(restores, lambda: jax.tree.map(lambda kept, x: _add(kept, restore, x), slots, sent), lambda: slots)
@@ -202,15 +203,15 @@ def _slot_rows(segment: Segment) -> tuple[np.ndarray, ...]:
     return restore != NONE, np.where(restore == NONE, spare, restore), save != NONE, np.where(save == NONE, spare, save)
 
 
-def _read(slots: jax.Array, index: jax.Array) -> jax.Array:
+def _read(slots: jax.Array, index: Scalar) -> jax.Array:
     return lax.dynamic_index_in_dim(slots, index, 0, keepdims=False)
 
 
-def _add(slots: jax.Array, index: jax.Array, value: jax.Array) -> jax.Array:
+def _add(slots: jax.Array, index: Scalar, value: jax.Array) -> jax.Array:
     return _write(slots, index, _read(slots, index) + value)
 
 
-def _write(slots: jax.Array, index: jax.Array, value: jax.Array) -> jax.Array:
+def _write(slots: jax.Array, index: Scalar, value: jax.Array) -> jax.Array:
     return lax.dynamic_update_index_in_dim(slots, value, index, 0)
 
 

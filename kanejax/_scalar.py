@@ -7,16 +7,13 @@ is one contiguous array, every operation is elementwise, and XLA vectorises it. 
 Vectors are 3-tuples, matrices 3-tuples of rows, symmetric matrices 6-tuples (xx, yy, zz, xy, xz, yz).
 """
 
-from typing import TypeVar
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 
 from kanejax._types import Matrix, Scalar, Symmetric, Vector
-
-T = TypeVar("T")
 
 ZERO: Vector = (0.0, 0.0, 0.0)
 IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -63,7 +60,7 @@ def sub(x: Scalar, y: Scalar) -> Scalar:
 
 
 def dot(a: Vector, b: Vector) -> Scalar:
-    """a . b."""
+    """A . b."""
     return add(add(mul(a[0], b[0]), mul(a[1], b[1])), mul(a[2], b[2]))
 
 
@@ -162,7 +159,7 @@ def rotation_from_quaternion(quaternion: tuple[Scalar, Scalar, Scalar, Scalar]) 
     )
 
 
-def barrier(tree: T) -> T:
+def barrier[T](tree: T) -> T:
     """Materialise the traced scalars of `tree`, so that XLA evaluates each once instead of once for every consumer.
 
     Without barriers XLA:CPU copies producers into their consumers and the cost grows exponentially with the depth of
@@ -170,7 +167,7 @@ def barrier(tree: T) -> T:
     """
     leaves, structure = jax.tree.flatten(tree)
     traced = [leaf for leaf in leaves if not is_known(leaf)]
-    if not any(isinstance(leaf, jax.core.Tracer) for leaf in traced):
+    if not any(isinstance(leaf, Tracer) for leaf in traced):
         return tree
     materialised = iter(lax.optimization_barrier(tuple(traced)))
     return jax.tree.unflatten(structure, [leaf if is_known(leaf) else next(materialised) for leaf in leaves])

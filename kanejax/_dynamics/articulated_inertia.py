@@ -1,9 +1,9 @@
 """Solving the equations of motion link by link: F u_dot = force, in time linear in the number of links.
 
 Gauss elimination from tip to base on Kane's F of Nie (3.56), one generalized speed after the other, in the form of the
-inertia that a link has when the joints outside it move freely (Featherstone's articulated-body inertia). World axes keep the
-inertia from being rotated from link to link; it is only shifted from origin to origin. Joints with several speeds are eliminated one
-speed at a time, so that every joint type takes the same path.
+inertia that a link has when the joints outside it move freely (Featherstone's articulated-body inertia). World axes keep
+the inertia from being rotated from link to link; it is only shifted from origin to origin. Joints with several speeds are
+eliminated one speed at a time, so that every joint type takes the same path.
 """
 
 from typing import NamedTuple
@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from kanejax._kinematics.position import place_link, world
-from kanejax._model.joints import Axis, AbstractJoint
+from kanejax._model.joints import AbstractJoint, Axis
 from kanejax._model.links import LinkParameters
 from kanejax._model.tree import Tree
 from kanejax._recursion import Link, base_to_tip, join_speeds, joint_features, split_parameters, split_speeds, tip_to_base
@@ -88,14 +88,26 @@ class Motion(NamedTuple):
 
 
 def forward_dynamics(
-    tree: Tree, links: LinkParameters, gravity: jax.Array, armature: jax.Array, q: jax.Array, u: jax.Array, tau: jax.Array, unroll: int = 1
+    tree: Tree,
+    links: LinkParameters,
+    gravity: jax.Array,
+    armature: jax.Array,
+    q: jax.Array,
+    u: jax.Array,
+    tau: jax.Array,
+    unroll: int = 1,
 ) -> jax.Array:
     """u_dot (nv, *batch) from forces tau applied at the joints, all of (nv, *batch)."""
+    if not tree.njoint:
+        return tau
     frames = world(q)
     root = Motion(frames.rotation, frames.position, frames.position, tuple(x - gravity[i] for i, x in enumerate(frames.position)))  # type: ignore[arg-type]
     parts = zip(split_parameters(tree, links), joint_features(tree, q), split_speeds(tree, u), strict=True)
     moving = base_to_tip(tree, _move, root, list(parts), unroll)
-    inputs = [(*rows, rotor, force) for rows, rotor, force in zip(moving, split_speeds(tree, armature), split_speeds(tree, tau), strict=True)]
+    inputs = [
+        (*rows, rotor, force)
+        for rows, rotor, force in zip(moving, split_speeds(tree, armature), split_speeds(tree, tau), strict=True)
+    ]
     eliminated = tip_to_base(tree, _eliminate_link, (_no_inertia(q), _no_wrench(q)), inputs, unroll)
     factor = Factor([link.offset for link, _ in moving], [pivots for pivots, _ in eliminated])
     return _substitute(tree, factor, [left for _, left in eliminated], q, unroll)

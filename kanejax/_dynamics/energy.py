@@ -26,7 +26,7 @@ class Momentum(NamedTuple):
 
 
 def kinetic_energy(model: Model, q: Coordinates, u: Speeds) -> Float[Array, ""]:
-    """u . F(q) u / 2 [J], rotor inertias included; MuJoCo's second entry of `energy`."""
+    """U . F(q) u / 2 [J], rotor inertias included; MuJoCo's second entry of `energy`."""
     check_state(model, q=q, u=u)
     momentum = evaluate(_generalized_momentum, model, q, u)
     return 0.5 * jnp.dot(u, momentum, precision="highest")

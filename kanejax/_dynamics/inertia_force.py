@@ -29,8 +29,6 @@ from kanejax._scalar import (
     cross,
     dot,
     full,
-    minus,
-    mul,
     plus,
     scale,
     sub,
@@ -62,13 +60,12 @@ def inertia_force(
 
     `q` is relative to the coordinate references, `gravity` is (3, *batch).
     """
-    batch = q.shape[1:]
-    zero = jnp.zeros(batch, q.dtype)
+    if not tree.njoint:
+        return u
+    zero = jnp.zeros(q.shape[1:], q.dtype)
     features = joint_features(tree, q)
     parts = split_parameters(tree, links)
-    inputs = [
-        LinkInputs(*rows) for rows in zip(parts, features, split_speeds(tree, u), split_speeds(tree, u_dot), strict=True)
-    ]
+    inputs = [LinkInputs(*rows) for rows in zip(parts, features, split_speeds(tree, u), split_speeds(tree, u_dot), strict=True)]
     still = (zero, zero, zero)
     root = Motion(still, still, tuple(zero - gravity[i] for i in range(3)))  # type: ignore[arg-type]
     wrenches = base_to_tip(tree, _link_wrench, root, inputs, unroll)
@@ -112,7 +109,9 @@ def _wrench(links: Link, motion: Motion) -> tuple[Vector, Vector]:
     return force, plus(spin, cross(h, a))
 
 
-def _project(joint: type[AbstractJoint], outer: tuple[Vector, Vector], link: tuple) -> tuple[tuple[Vector, Vector], tuple[Scalar, ...]]:
+def _project(
+    joint: type[AbstractJoint], outer: tuple[Vector, Vector], link: tuple
+) -> tuple[tuple[Vector, Vector], tuple[Scalar, ...]]:
     """Add what the links further out need, project on the joint's axes, and hand the rest to the parent."""
     links, features, own = link
     force, moment = plus(own[0], outer[0]), plus(own[1], outer[1])

@@ -1,7 +1,7 @@
 """Kane's equations in their explicit form, body by body: the reference for the recursions, and for reading.
 
-F_r + F*_r = 0, where the generalized active forces F_r and the generalized inertia forces F*_r are sums over the bodies of dot products with
-partial velocities. Written with arrays; the cost grows with the product of bodies and speeds squared.
+F_r + F*_r = 0, where the generalized active forces F_r and the generalized inertia forces F*_r are sums over the bodies of
+dot products with partial velocities. Written with arrays; the cost grows with the product of bodies and speeds squared.
 """
 
 from typing import NamedTuple

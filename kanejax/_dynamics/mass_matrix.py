@@ -4,6 +4,7 @@ F_rs = sum_k (m v_r . v_s + w_r . I . w_s), Nie (3.56). The sum over all links t
 inertia of everything outside a joint, about the world's origin: there inertias simply add up.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -11,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from kanejax._kinematics.position import place_link, world
-from kanejax._model.joints import Axis, AbstractJoint
+from kanejax._model.joints import AbstractJoint, Axis
 from kanejax._model.links import LinkParameters
 from kanejax._model.tree import Tree
 from kanejax._recursion import Frames, Link, base_to_tip, join_speeds, joint_features, split_parameters, tip_to_base
@@ -42,6 +43,8 @@ class RigidInertia(NamedTuple):
 
 def mass_matrix(tree: Tree, links: LinkParameters, armature: jax.Array, q: jax.Array) -> jax.Array:
     """F(q), (nv, nv, *batch); `q` is (nq, *batch), relative to the coordinate references."""
+    if not tree.njoint:
+        return jnp.zeros((0, 0, *q.shape[1:]), q.dtype)
     q = _at_origin(tree, q)
     zero = jnp.zeros(q.shape[1:], q.dtype)
     parts = list(zip(split_parameters(tree, links), joint_features(tree, q), strict=True))
@@ -49,11 +52,13 @@ def mass_matrix(tree: Tree, links: LinkParameters, armature: jax.Array, q: jax.A
     nothing = jax.tree.map(lambda _: zero, RigidInertia(0.0, ZERO, SYMMETRIC_ZERO))
     momenta = tip_to_base(tree, _momentum, nothing, placed)
     axes = [[_rows(axis, len(part[1].mass), zero) for axis in part[0]] for part in placed]
-    momenta = [[_rows(momentum, len(part[1].mass), zero) for momentum in found] for found, part in zip(momenta, placed, strict=True)]
+    momenta = [
+        [_rows(momentum, len(part[1].mass), zero) for momentum in found] for found, part in zip(momenta, placed, strict=True)
+    ]
     by_speed = [join_speeds(tree, [tuple(axis[c] for axis in segment) for segment in axes]) for c in range(6)]
     momentum_by_speed = [join_speeds(tree, [tuple(m[c] for m in segment) for segment in momenta]) for c in range(6)]
     by_speed, momentum_by_speed = barrier((by_speed, momentum_by_speed))
-    products = sum(a[:, None] * m[None, :] for a, m in zip(by_speed, momentum_by_speed, strict=True))
+    products = functools.reduce(jnp.add, [a[:, None] * m[None, :] for a, m in zip(by_speed, momentum_by_speed, strict=True)])
     return _symmetric(tree, products, armature)
 
 
@@ -89,7 +94,9 @@ def _about_world(mass: Scalar, h: Vector, inertia: Symmetric, origin: Vector) ->
     return plus(h, scale(mass, origin)), plus(inertia, steiner, mixed)
 
 
-def _momentum(joint: type[AbstractJoint], outer: RigidInertia, link: tuple[tuple[Axis, ...], RigidInertia]) -> tuple[RigidInertia, tuple]:
+def _momentum(
+    joint: type[AbstractJoint], outer: RigidInertia, link: tuple[tuple[Axis, ...], RigidInertia]
+) -> tuple[RigidInertia, tuple]:
     """Angular and linear momentum of everything outside a joint for unit speed along each of its axes."""
     axes, own = link
     mass = add(outer.mass, own.mass)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from kanejax._model.joints import Axis, AbstractJoint
+from kanejax._model.joints import AbstractJoint, Axis
 from kanejax._model.links import LinkParameters
 from kanejax._model.tree import Tree
 from kanejax._recursion import Frames, Link, base_to_tip, join_links, joint_features, split_parameters
@@ -36,6 +36,8 @@ def world_frames(tree: Tree, links: LinkParameters, q: jax.Array, unroll: int = 
         frames = Frames(placed.rotation, plus(parent.position, placed.offset))
         return frames, frames
 
+    if not tree.njoint:
+        return jax.tree.map(lambda x: jnp.zeros((0, *x.shape), x.dtype), world(q))
     inputs = list(zip(split_parameters(tree, links), joint_features(tree, q), strict=True))
     return join_links(tree, base_to_tip(tree, step, world(q), inputs, unroll))
 

@@ -174,7 +174,7 @@ class Ball(AbstractJoint):
 class Free(AbstractJoint):
     """Floating base: position and quaternion in the world; speeds are the velocity of the link's origin in world axes and the
     angular velocity in the link's axes, as in MuJoCo.
-    """  # noqa: D205
+    """
 
     nq: ClassVar[int] = 7
     nv: ClassVar[int] = 6

@@ -16,7 +16,7 @@ from kanejax._model.model import Model
 from kanejax._model.tree import WORLD, Tree
 
 # Poses are arrays (n, 3, 4): a rotation to the outer frame's components, and the position of the origin in it.
-Poses34 = Float[Array, "n 3 4"]
+Poses34 = Float[Array, "_ 3 4"]
 
 
 class LinkParameters(NamedTuple):

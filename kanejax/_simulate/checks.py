@@ -54,13 +54,13 @@ def _checked(model: Model, name: str, value: Any, size_name: str) -> jax.Array:
     return jnp.asarray(value)
 
 
-def checked_times(ts: Any, dtype: Any) -> jax.Array:
-    """The times to save, in the state's data type.
+def checked_times(ts: Any, dtype: Any) -> Any:
+    """The times to save, in the state's data type; a numpy array if they are known, so that they stay known while tracing.
 
     Raises:
         ValueError: fewer than two, not finite, or not strictly increasing.
     """
-    ts = ts.astype(dtype) if isinstance(ts, jax.Array) else np.asarray(ts, dtype)
+    ts = np.asarray(ts, dtype) if _known(ts) else ts.astype(dtype)
     if ts.ndim != 1 or len(ts) < 2:
         raise ValueError(f"ts has shape {ts.shape}, but it needs (n,) with n of at least 2: the first time, and those to save")
     if _known(ts) and not np.all(np.isfinite(ts)):
@@ -70,7 +70,7 @@ def checked_times(ts: Any, dtype: Any) -> jax.Array:
         raise ValueError(
             f"ts must be strictly increasing in {np.dtype(dtype)}, but ts[{index + 1}] = {ts[index + 1]} follows {ts[index]}"
         )
-    return jnp.asarray(ts)
+    return ts
 
 
 def check_positive(**values: Any) -> None:

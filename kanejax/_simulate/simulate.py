@@ -113,6 +113,7 @@ def simulate(
         solver = diffrax.Tsit5()
     solver = _prepared_solver(solver, stepsize_controller, rtol, atol)
     adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
+    ts = jnp.asarray(ts)
     settings = Settings(solver, stepsize_controller, adjoint, conditions, dt0, max_steps, dense)
     trajectory = _simulate(model, q0, u0, ts, control, settings, substeps, on_event, max_events, names)
     return raise_unless_ok(trajectory) if throw else trajectory
@@ -166,15 +167,15 @@ def _tolerance(given: Any, double: float, single: float, dtype: Any) -> Any:
     return given if isinstance(given, float | int) else jnp.asarray(given, dtype)
 
 
-def _substeps(ts: jax.Array, dt0: Any) -> int | None:
+def _substeps(ts: Any, dt0: Any) -> int | None:
     """Equal steps between saved times, if they are known."""
-    if dt0 is None or isinstance(ts, jax.core.Tracer) or isinstance(dt0, jax.core.Tracer):
+    if dt0 is None or not isinstance(ts, np.ndarray) or isinstance(dt0, jax.core.Tracer):
         return None
     # A step that fits but for rounding errors fits.
-    return max(1, int(np.ceil(np.max(np.diff(np.asarray(ts, float))) / float(dt0) * (1 - 1e-6))))
+    return max(1, int(np.ceil(np.max(np.diff(ts.astype(float))) / float(dt0) * (1 - 1e-6))))
 
 
-def _controller(control: Controlled, dt0: Any, rtol: Any, atol: Any, ts: jax.Array) -> diffrax.AbstractStepSizeController:
+def _controller(control: Controlled, dt0: Any, rtol: Any, atol: Any, ts: Any) -> diffrax.AbstractStepSizeController:
     if dt0 is not None:
         return diffrax.ConstantStepSize()
     if isinstance(control.function, TorqueTable) and control.function.interpolation == "hold":

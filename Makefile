@@ -1,0 +1,41 @@
+# Every target sets up what it needs in .venv, from python3, make and PyPI alone.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.cache/jax
+
+.PHONY: demo test lint validate benchmark clean
+
+demo: $(VENV)/.demo  ## load, validate, simulate and differentiate a real robot; writes results/demo.png
+	$(BIN)/python experiments/demo.py
+
+test: $(VENV)/.test  ## the whole test suite
+	$(BIN)/python -m pytest -n 2
+
+lint: $(VENV)/.lint $(VENV)/.test  ## style, docstrings and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+validate: $(VENV)/.benchmark  ## every robot of example-robot-data and dm_control against MuJoCo and Pinocchio; about an hour
+	$(BIN)/python experiments/validate_robots.py
+
+benchmark: $(VENV)/.benchmark  ## run and compile times beside Pinocchio, MuJoCo, MJX and frax
+	$(BIN)/python -m experiments.benchmarks
+
+clean:
+	rm -rf $(VENV) .cache results
+
+$(VENV)/bin/python:
+	$(PYTHON) -c 'import sys; sys.exit("kanejax needs Python 3.12 or newer, and PYTHON is %d.%d: make PYTHON=python3.13" % sys.version_info[:2] if sys.version_info < (3, 12) else 0)'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.demo $(VENV)/.test $(VENV)/.lint: $(VENV)/.%: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$*]'
+	touch $@
+
+# dm_control's robot files are wanted, not its dependencies, one of which has no wheel for newer Pythons.
+$(VENV)/.benchmark: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[benchmark]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps dm_control
+	touch $@
