@@ -5,7 +5,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax.tree_util import PyTreeDef
 
 from kanejax import _batching
 from kanejax._model.model import Model
@@ -44,7 +43,7 @@ def evaluate_prepared(function: Callable[..., Any], tree: Tree, prepared: Prepar
     return results[0] if len(results) == 1 else tuple(results)
 
 
-def _unflatten(function: Callable, tree: Tree, structure: PyTreeDef, *operands: jax.Array) -> tuple:
+def _unflatten(function: Callable, tree: Tree, structure: Any, *operands: jax.Array) -> tuple:
     prepared, state = jax.tree.unflatten(structure, operands)
     batch = jnp.broadcast_shapes(batch_shape(prepared), *(x.shape[1:] for x in state))
     result = function(tree, prepared, *(jnp.broadcast_to(x, x.shape[:1] + batch) for x in state))

@@ -17,7 +17,7 @@ from kanejax._model.joints import AbstractJoint
 from kanejax._model.links import LinkParameters
 from kanejax._model.plan import NONE, Segment, segments
 from kanejax._model.tree import COORDINATES, SPEEDS, WORLD, Tree
-from kanejax._scalar import barrier, is_known
+from kanejax._scalar import add, barrier, is_known
 from kanejax._types import Matrix, Scalar, Symmetric, Vector
 
 PyTree = Any
@@ -96,35 +96,69 @@ def joint_features(tree: Tree, q: jax.Array) -> list[tuple[Scalar, ...]]:
     return barrier(parts)
 
 
-def join_links[T](tree: Tree, parts: list[T]) -> T:
-    """Put components of (length, *batch) for each segment back together as (nlink, *batch)."""
+def join_links[T](tree: Tree, parts: list[T], like: jax.Array) -> T:
+    """Put components of (length, *batch) for each segment back together as (nlink, *batch), the batch that of `like`."""
     order = [link for segment in segments(tree) for link in segment.links]
-    joined = parts[0] if len(parts) == 1 else jax.tree.map(lambda *rows: jnp.concatenate(rows), *barrier(parts))
-    return jax.tree.map(lambda rows: _take(rows, np.argsort(order)), joined)
+    rows = [jax.tree.map(lambda x: as_rows(x, len(s.links), like), part) for s, part in zip(segments(tree), parts, strict=True)]  # noqa: B023
+    joined = rows[0] if len(rows) == 1 else jax.tree.map(lambda *x: jnp.concatenate(x), *barrier(rows))
+    return jax.tree.map(lambda x: _take(x, np.argsort(order)), joined)
 
 
-def join_speeds(tree: Tree, parts: list[tuple[Scalar, ...]]) -> jax.Array:
+def join_speeds(tree: Tree, parts: list[tuple[Scalar, ...]], like: jax.Array) -> jax.Array:
     """Put one component for each speed of the joint type, for each segment, back together as (nv, *batch)."""
     rows, order = [], []
     for segment, part in zip(segments(tree), parts, strict=True):
         for offset, component in enumerate(part):
-            rows.append(component)
+            rows.append(as_rows(component, len(segment.links), like))
             order += [tree.v_start[link] + offset for link in segment.links]
     joined = rows[0] if len(rows) == 1 else jnp.concatenate(barrier(rows))
     return _take(joined, np.argsort(order))
 
 
-def base_to_tip(tree: Tree, step: Step, root: PyTree, inputs: list[PyTree], unroll: int = 1) -> list[PyTree]:
+def as_rows(component: Scalar, length: int, like: jax.Array) -> jax.Array:
+    """One component of a segment's links as an array (length, *batch), whether it was looped over, unrolled, or known."""
+    shape = like.shape[1:]
+    if isinstance(component, Column):
+        return jnp.stack(barrier([jnp.broadcast_to(jnp.asarray(x, like.dtype), shape) for x in component.rows]))
+    return jnp.broadcast_to(jnp.asarray(component, like.dtype), (length, *shape))
+
+
+class Column:
+    """One component of the links of an unrolled segment, some of them known numbers; a leaf for `jax.tree`."""
+
+    def __init__(self, *rows: Scalar) -> None:
+        self.rows = rows
+
+    def __getitem__(self, row: int) -> Scalar:
+        """The component of one link."""
+        return self.rows[row]
+
+
+def is_frozen(rows: PyTree) -> bool:
+    """Whether rows hold numbers that are known while tracing; then loops over them are unrolled, so that products fold."""
+    return any(isinstance(x, np.ndarray | Column) for x in jax.tree.leaves(rows))
+
+
+def base_to_tip(tree: Tree, step: Step, root: PyTree, inputs: list[PyTree], like: jax.Array, unroll: int = 1) -> list[PyTree]:
     """Run `step(joint type, state of the parent link, inputs of the link) -> (its state, its output)` over all links.
 
-    `root` is the world's state, its scalars of the batch's shape; `inputs` and the result are lists over the segments.
+    `root` is the world's state, of known numbers or scalars of the batch's shape, which is that of `like` (n, *batch).
+    `inputs` and the result are lists over the segments. Segments of no more than `unroll` links are unrolled.
     """
     states: dict[int, PyTree] = {WORLD: root}
     outputs: list[PyTree] = []
     plan = segments(tree)
     carriers = {segment.carrier for segment in plan}
     for segment, rows in zip(plan, inputs, strict=True):
-        tip, kept, output = _outward(segment, functools.partial(step, segment.joint), states[segment.carrier], rows, unroll)
+        of_type = functools.partial(step, segment.joint)
+        if _unrolled(segment, rows, unroll):
+            collected = []
+            for i, link in enumerate(segment.links):
+                states[link], output = barrier(of_type(states[tree.link_parents[link]], _row(rows, i)))
+                collected.append(output)
+            outputs.append(jax.tree.map(Column, *collected))
+            continue
+        tip, kept, output = _outward(segment, of_type, _filled(states[segment.carrier], like), rows)
         outputs.append(output)
         for link in carriers.intersection(segment.links):
             slot = segment.kept(link)
@@ -132,27 +166,58 @@ def base_to_tip(tree: Tree, step: Step, root: PyTree, inputs: list[PyTree], unro
     return outputs
 
 
-def tip_to_base(tree: Tree, step: Step, zero: PyTree, inputs: list[PyTree], unroll: int = 1) -> list[PyTree]:
+def tip_to_base(tree: Tree, step: Step, zero: PyTree, inputs: list[PyTree], like: jax.Array, unroll: int = 1) -> list[PyTree]:
     """Run `step(joint type, sum over the children, inputs of the link) -> (what its parent receives, its output)`.
 
-    `zero` is what a link without children receives, its scalars of the batch's shape.
+    `zero` is what a link without children receives; the rest is as for `base_to_tip`.
     """
     plan = segments(tree)
     received: dict[int, PyTree] = {}
     outputs: list[PyTree] = [None] * len(plan)
     for number in reversed(range(len(plan))):
-        segment = plan[number]
-        inward = functools.partial(step, segment.joint)
-        sent, outputs[number] = _inward(segment, inward, zero, received, inputs[number], unroll)
-        known = received.get(segment.carrier)
-        received[segment.carrier] = sent if known is None else jax.tree.map(jnp.add, known, sent)
+        segment, rows = plan[number], inputs[number]
+        of_type = functools.partial(step, segment.joint)
+        if _unrolled(segment, rows, unroll):
+            collected: list[PyTree] = [None] * len(segment.links)
+            for i, link in reversed(list(enumerate(segment.links))):
+                sent, collected[i] = barrier(of_type(received.get(link, zero), _row(rows, i)))
+                _hand_over(received, tree.link_parents[link], sent)
+            outputs[number] = jax.tree.map(Column, *collected)
+        else:
+            from_outside = {link: _filled(received[link], like) for link in segment.links if link in received}
+            sent, outputs[number] = _inward(segment, of_type, _filled(zero, like), from_outside, rows)
+            _hand_over(received, segment.carrier, sent)
     return outputs
 
 
-def _outward(segment: Segment, step: Callable, start: PyTree, rows: PyTree, unroll: int) -> tuple[PyTree, PyTree, PyTree]:
+def _filled(state: PyTree, like: jax.Array) -> PyTree:
+    """Known numbers as arrays of the batch's shape: a loop's carry must be."""
+    return jax.tree.map(lambda x: jnp.full(like.shape[1:], x, like.dtype) if is_known(x) else x, state)
+
+
+def _unrolled(segment: Segment, rows: PyTree, unroll: int) -> bool:
+    return len(segment.links) <= unroll or is_frozen(rows)
+
+
+def _row(rows: PyTree, i: int) -> PyTree:
+    """Inputs of one link; constants become known numbers."""
+
+    def pick(x: Scalar) -> Scalar:
+        if is_known(x):
+            return x
+        return float(x[i]) if isinstance(x, np.ndarray) else x[i]
+
+    return jax.tree.map(pick, rows)
+
+
+def _hand_over(received: dict[int, PyTree], link: int, sent: PyTree) -> None:
+    received[link] = jax.tree.map(add, received[link], sent) if link in received else sent
+
+
+def _outward(segment: Segment, step: Callable, start: PyTree, rows: PyTree) -> tuple[PyTree, PyTree, PyTree]:
     """Loop from base to tip: the last link's state, the slots, and the outputs."""
     if not segment.branches:
-        tip, output = _scan(step, start, rows, len(segment.links), unroll, reverse=False)
+        tip, output = _scan(step, start, rows, reverse=False)
         return tip, None, output
     # One slot more than there are takes what nobody needs.
     slots = jax.tree.map(lambda x: jnp.broadcast_to(x[None], (segment.slots + 1, *x.shape)), start)
@@ -165,19 +230,15 @@ def _outward(segment: Segment, step: Callable, start: PyTree, rows: PyTree, unro
         slots = lax.cond(saves, lambda: jax.tree.map(lambda kept, x: _write(kept, save, x), slots, state), lambda: slots)
         return (state, slots), output
 
-    (tip, kept), output = _scan(
-        branching_step, (start, slots), (*_slot_rows(segment), rows), len(segment.links), unroll, reverse=False
-    )
+    (tip, kept), output = _scan(branching_step, (start, slots), (*_slot_rows(segment), rows), reverse=False)
     return tip, kept, output
 
 
-def _inward(
-    segment: Segment, step: Callable, zero: PyTree, received: dict[int, PyTree], rows: PyTree, unroll: int
-) -> tuple[PyTree, PyTree]:
+def _inward(segment: Segment, step: Callable, zero: PyTree, received: dict[int, PyTree], rows: PyTree) -> tuple[PyTree, PyTree]:
     """Loop from tip to base: what the carrier receives, and the outputs."""
     start = received.get(segment.links[-1], zero)
     if not segment.branches:
-        return _scan(step, start, rows, len(segment.links), unroll, reverse=True)
+        return _scan(step, start, rows, reverse=True)
     slots = jax.tree.map(lambda x: jnp.zeros((segment.slots + 1, *x.shape), x.dtype), zero)
     for link in segment.links[:-1]:
         if link in received:
@@ -190,33 +251,33 @@ def _inward(
         slots = lax.cond(restores, lambda: jax.tree.map(lambda kept, x: _add(kept, restore, x), slots, sent), lambda: slots)
         return (sent, slots), output
 
-    ends = np.array([leaf and link != segment.links[-1] for leaf, link in zip(segment.leaves, segment.links, strict=True)])
-    flags = (*_slot_rows(segment), ends, rows)
-    (sent, slots), output = _scan(branching_step, (start, slots), flags, len(segment.links), unroll, reverse=True)
+    ends = [leaf and link != segment.links[-1] for leaf, link in zip(segment.leaves, segment.links, strict=True)]
+    (sent, slots), output = _scan(branching_step, (start, slots), (*_slot_rows(segment), jnp.array(ends), rows), reverse=True)
     return jax.tree.map(lambda x, kept: x + kept[0], sent, slots), output
 
 
-def _slot_rows(segment: Segment) -> tuple[np.ndarray, ...]:
+def _slot_rows(segment: Segment) -> tuple[jax.Array, ...]:
     """Whether and where each link restores its parent's state, and where it saves its own; the last slot is for nothing."""
     restore, save = np.array(segment.restore, np.int32), np.array(segment.save, np.int32)
     spare = np.int32(segment.slots)
-    return restore != NONE, np.where(restore == NONE, spare, restore), save != NONE, np.where(save == NONE, spare, save)
+    rows = (restore != NONE, np.where(restore == NONE, spare, restore), save != NONE, np.where(save == NONE, spare, save))
+    return tuple(jnp.asarray(row) for row in rows)
 
 
 def _read(slots: jax.Array, index: Scalar) -> jax.Array:
     return lax.dynamic_index_in_dim(slots, index, 0, keepdims=False)
 
 
-def _add(slots: jax.Array, index: Scalar, value: jax.Array) -> jax.Array:
-    return _write(slots, index, _read(slots, index) + value)
-
-
 def _write(slots: jax.Array, index: Scalar, value: jax.Array) -> jax.Array:
     return lax.dynamic_update_index_in_dim(slots, value, index, 0)
 
 
-def _scan(step: Callable, start: PyTree, rows: PyTree, length: int, unroll: int, reverse: bool) -> tuple[PyTree, PyTree]:
-    """`lax.scan`, but numbers that are known while tracing stay known in inputs and outputs; unrolled when short enough."""
+def _add(slots: jax.Array, index: Scalar, value: jax.Array) -> jax.Array:
+    return _write(slots, index, _read(slots, index) + value)
+
+
+def _scan(step: Callable, start: PyTree, rows: PyTree, reverse: bool) -> tuple[PyTree, PyTree]:
+    """`lax.scan`, but numbers that are known while tracing stay known in inputs and outputs."""
     traced_rows, with_known_inputs = _part_known(rows)
     with_known_outputs: Callable[[list], PyTree] | None = None
 
@@ -226,13 +287,7 @@ def _scan(step: Callable, start: PyTree, rows: PyTree, length: int, unroll: int,
         traced_output, with_known_outputs = _part_known(output)
         return carry, traced_output
 
-    if length > unroll:
-        start, outputs = lax.scan(traced_step, start, traced_rows, reverse=reverse, unroll=unroll)
-    else:
-        collected: list[list] = [[]] * length
-        for i in reversed(range(length)) if reverse else range(length):
-            start, collected[i] = barrier(traced_step(start, [x[i] for x in traced_rows]))
-        outputs = [jnp.stack(x) if length > 1 else x[0][None] for x in zip(*collected, strict=True)]
+    start, outputs = lax.scan(traced_step, start, traced_rows, reverse=reverse)
     assert with_known_outputs is not None
     return start, with_known_outputs(outputs)
 

@@ -9,14 +9,15 @@ eliminated one speed at a time, so that every joint type takes the same path.
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 
-from kanejax._kinematics.position import place_link, world
+from kanejax._dynamics.inertia_force import minus_gravity
+from kanejax._kinematics.position import place_link
 from kanejax._model.joints import AbstractJoint, Axis
 from kanejax._model.links import LinkParameters
 from kanejax._model.tree import Tree
 from kanejax._recursion import Link, base_to_tip, join_speeds, joint_features, split_parameters, split_speeds, tip_to_base
 from kanejax._scalar import (
+    IDENTITY,
     SYMMETRIC_ZERO,
     ZERO,
     add,
@@ -46,11 +47,17 @@ class Inertia(NamedTuple):
     linear: Symmetric
 
 
+NO_INERTIA = Inertia(SYMMETRIC_ZERO, (ZERO, ZERO, ZERO), SYMMETRIC_ZERO)
+
+
 class Wrench(NamedTuple):
     """Moment about an origin, and force."""
 
     moment: Vector
     force: Vector
+
+
+NO_WRENCH = Wrench(ZERO, ZERO)
 
 
 class WorldLink(NamedTuple):
@@ -90,7 +97,7 @@ class Motion(NamedTuple):
 def forward_dynamics(
     tree: Tree,
     links: LinkParameters,
-    gravity: jax.Array,
+    gravity: jax.Array | tuple[float, ...],
     armature: jax.Array,
     q: jax.Array,
     u: jax.Array,
@@ -100,15 +107,14 @@ def forward_dynamics(
     """u_dot (nv, *batch) from forces tau applied at the joints, all of (nv, *batch)."""
     if not tree.njoint:
         return tau
-    frames = world(q)
-    root = Motion(frames.rotation, frames.position, frames.position, tuple(x - gravity[i] for i, x in enumerate(frames.position)))  # type: ignore[arg-type]
+    root = Motion(IDENTITY, ZERO, ZERO, minus_gravity(gravity, q))
     parts = zip(split_parameters(tree, links), joint_features(tree, q), split_speeds(tree, u), strict=True)
-    moving = base_to_tip(tree, _move, root, list(parts), unroll)
+    moving = base_to_tip(tree, _move, root, list(parts), q, unroll)
     inputs = [
         (*rows, rotor, force)
         for rows, rotor, force in zip(moving, split_speeds(tree, armature), split_speeds(tree, tau), strict=True)
     ]
-    eliminated = tip_to_base(tree, _eliminate_link, (_no_inertia(q), _no_wrench(q)), inputs, unroll)
+    eliminated = tip_to_base(tree, _eliminate_link, (NO_INERTIA, NO_WRENCH), inputs, q, unroll)
     factor = Factor([link.offset for link, _ in moving], [pivots for pivots, _ in eliminated])
     return _substitute(tree, factor, [left for _, left in eliminated], q, unroll)
 
@@ -116,26 +122,16 @@ def forward_dynamics(
 def factorize(tree: Tree, links: LinkParameters, armature: jax.Array, q: jax.Array, unroll: int = 1) -> Factor:
     """Factor F(q) for `solve`; armature (nv, *batch), q (nq, *batch)."""
     parts = list(zip(split_parameters(tree, links), joint_features(tree, q), strict=True))
-    still = base_to_tip(tree, _stand, world(q).rotation, parts, unroll)
+    still = base_to_tip(tree, _stand, IDENTITY, parts, q, unroll)
     inputs = list(zip(still, split_speeds(tree, armature), strict=True))
-    return Factor([link.offset for link in still], tip_to_base(tree, _factor_link, _no_inertia(q), inputs, unroll))
+    return Factor([link.offset for link in still], tip_to_base(tree, _factor_link, NO_INERTIA, inputs, q, unroll))
 
 
 def solve(tree: Tree, factor: Factor, force: jax.Array, unroll: int = 1) -> jax.Array:
     """F^-1 force, linear in the force (nv, *batch)."""
     inputs = list(zip(factor.offsets, factor.pivots, split_speeds(tree, force), strict=True))
-    left = tip_to_base(tree, _reduce_link, _no_wrench(force), inputs, unroll)
+    left = tip_to_base(tree, _reduce_link, NO_WRENCH, inputs, force, unroll)
     return _substitute(tree, factor, left, force, unroll)
-
-
-def _no_inertia(like: jax.Array) -> Inertia:
-    zero = jnp.zeros(like.shape[1:], like.dtype)
-    return jax.tree.map(lambda _: zero, Inertia(SYMMETRIC_ZERO, (ZERO, ZERO, ZERO), SYMMETRIC_ZERO))
-
-
-def _no_wrench(like: jax.Array) -> Wrench:
-    zero = jnp.zeros(like.shape[1:], like.dtype)
-    return jax.tree.map(lambda _: zero, Wrench(ZERO, ZERO))
 
 
 def _stand(joint: type[AbstractJoint], parent: Matrix, link: tuple[Link, tuple]) -> tuple[Matrix, WorldLink]:
@@ -218,9 +214,8 @@ def _reduce(wrench: Wrench, pivot: Pivot, force: Scalar) -> tuple[Wrench, Scalar
 
 def _substitute(tree: Tree, factor: Factor, left: list, like: jax.Array, unroll: int) -> jax.Array:
     """Substitute back base to tip: u_dot, which each speed owes to its own force and to the acceleration of its parent."""
-    still = world(like).position
     inputs = list(zip(factor.offsets, factor.pivots, left, strict=True))
-    return join_speeds(tree, base_to_tip(tree, _substitute_link, (still, still), inputs, unroll))
+    return join_speeds(tree, base_to_tip(tree, _substitute_link, (ZERO, ZERO), inputs, like, unroll), like)
 
 
 def _substitute_link(joint: type[AbstractJoint], parent: tuple[Vector, Vector], link: tuple) -> tuple:

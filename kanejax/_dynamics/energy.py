@@ -72,5 +72,5 @@ def center_of_mass(model: Model, q: Coordinates) -> Float[Array, "3"]:
 
 def _generalized_momentum(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array) -> jax.Array:
     """F(q) u, as the inertia force of accelerations u at rest."""
-    still, weightless = jnp.zeros_like(u), jnp.zeros_like(prepared.gravity)
+    still, weightless = jnp.zeros_like(u), (0.0, 0.0, 0.0)
     return inertia_force(tree, prepared.links, weightless, displacement(tree, prepared, q), still, u) + prepared.armature * u

@@ -113,8 +113,7 @@ def _bias_force(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array) -> j
 
 
 def _inertia_force(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, u_dot: jax.Array) -> jax.Array:
-    weightless = jnp.zeros_like(prepared.gravity)
-    dynamic = inertia_force(tree, prepared.links, weightless, displacement(tree, prepared, q), u, u_dot)
+    dynamic = inertia_force(tree, prepared.links, (0.0, 0.0, 0.0), displacement(tree, prepared, q), u, u_dot)
     return -dynamic - prepared.armature * u_dot
 
 

@@ -22,6 +22,8 @@ from kanejax._recursion import (
     tip_to_base,
 )
 from kanejax._scalar import (
+    ZERO,
+    is_known,
     add,
     apply,
     apply_transposed,
@@ -54,7 +56,7 @@ class Motion(NamedTuple):
 
 
 def inertia_force(
-    tree: Tree, links: LinkParameters, gravity: jax.Array, q: jax.Array, u: jax.Array, u_dot: jax.Array, unroll: int = 1
+    tree: Tree, links: LinkParameters, gravity: jax.Array | tuple[float, ...], q: jax.Array, u: jax.Array, u_dot: jax.Array, unroll: int = 1
 ) -> jax.Array:
     """Minus the generalized inertia and gravity forces, (nv, *batch): M(q) u_dot + bias(q, u), without armature.
 
@@ -62,15 +64,19 @@ def inertia_force(
     """
     if not tree.njoint:
         return u
-    zero = jnp.zeros(q.shape[1:], q.dtype)
     features = joint_features(tree, q)
     parts = split_parameters(tree, links)
     inputs = [LinkInputs(*rows) for rows in zip(parts, features, split_speeds(tree, u), split_speeds(tree, u_dot), strict=True)]
-    still = (zero, zero, zero)
-    root = Motion(still, still, tuple(zero - gravity[i] for i in range(3)))  # type: ignore[arg-type]
-    wrenches = base_to_tip(tree, _link_wrench, root, inputs, unroll)
+    root = Motion(ZERO, ZERO, minus_gravity(gravity, q))
+    wrenches = base_to_tip(tree, _link_wrench, root, inputs, q, unroll)
     outward = list(zip(parts, features, wrenches, strict=True))
-    return join_speeds(tree, tip_to_base(tree, _project, (still, still), outward, unroll))
+    return join_speeds(tree, tip_to_base(tree, _project, (ZERO, ZERO), outward, q, unroll), q)
+
+
+def minus_gravity(gravity: jax.Array | tuple[float, ...], like: jax.Array) -> Vector:
+    """Acceleration of a world that free fall is at rest in; known numbers stay known."""
+    parts = (gravity[0], gravity[1], gravity[2])
+    return tuple(-g if is_known(g) else jnp.broadcast_to(-g, like.shape[1:]) for g in parts)  # type: ignore[return-value]
 
 
 def _link_wrench(joint: type[AbstractJoint], parent: Motion, link: LinkInputs) -> tuple[Motion, tuple[Vector, Vector]]:

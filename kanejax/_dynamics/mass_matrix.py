@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from kanejax._kinematics.position import place_link, world
+from kanejax._kinematics.position import WORLD_FRAMES, place_link
 from kanejax._model.joints import AbstractJoint, Axis
 from kanejax._model.links import LinkParameters
 from kanejax._model.tree import Tree
@@ -46,17 +46,11 @@ def mass_matrix(tree: Tree, links: LinkParameters, armature: jax.Array, q: jax.A
     if not tree.njoint:
         return jnp.zeros((0, 0, *q.shape[1:]), q.dtype)
     q = _at_origin(tree, q)
-    zero = jnp.zeros(q.shape[1:], q.dtype)
     parts = list(zip(split_parameters(tree, links), joint_features(tree, q), strict=True))
-    placed = base_to_tip(tree, _place, world(q), parts)
-    nothing = jax.tree.map(lambda _: zero, RigidInertia(0.0, ZERO, SYMMETRIC_ZERO))
-    momenta = tip_to_base(tree, _momentum, nothing, placed)
-    axes = [[_rows(axis, len(part[1].mass), zero) for axis in part[0]] for part in placed]
-    momenta = [
-        [_rows(momentum, len(part[1].mass), zero) for momentum in found] for found, part in zip(momenta, placed, strict=True)
-    ]
-    by_speed = [join_speeds(tree, [tuple(axis[c] for axis in segment) for segment in axes]) for c in range(6)]
-    momentum_by_speed = [join_speeds(tree, [tuple(m[c] for m in segment) for segment in momenta]) for c in range(6)]
+    placed = base_to_tip(tree, _place, WORLD_FRAMES, parts, q)
+    momenta = tip_to_base(tree, _momentum, RigidInertia(0.0, ZERO, SYMMETRIC_ZERO), placed, q)
+    by_speed = _components(tree, [axes for axes, _ in placed], q)
+    momentum_by_speed = _components(tree, momenta, q)
     by_speed, momentum_by_speed = barrier((by_speed, momentum_by_speed))
     products = functools.reduce(jnp.add, [a[:, None] * m[None, :] for a, m in zip(by_speed, momentum_by_speed, strict=True)])
     return _symmetric(tree, products, armature)
@@ -108,9 +102,11 @@ def _momentum(
     return barrier(RigidInertia(mass, h, inertia)), momenta
 
 
-def _rows(pair: tuple[Vector, Vector], length: int, zero: jax.Array) -> list[jax.Array]:
-    """The six components as arrays over the links of a segment; `zero` has the batch's shape."""
-    return [jnp.broadcast_to(jnp.asarray(x, zero.dtype), (length, *zero.shape)) for vector in pair for x in vector]
+def _components(tree: Tree, pairs: list[tuple[tuple[Vector, Vector], ...]], like: jax.Array) -> list[jax.Array]:
+    """The six components of a pair of vectors for each speed, as arrays (nv, *batch)."""
+    return [
+        join_speeds(tree, [tuple((*pair[0], *pair[1])[c] for pair in of_segment) for of_segment in pairs], like) for c in range(6)
+    ]
 
 
 def _symmetric(tree: Tree, products: jax.Array, armature: jax.Array) -> jax.Array:

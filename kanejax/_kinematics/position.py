@@ -13,6 +13,9 @@ from kanejax._scalar import IDENTITY, ZERO, apply, barrier, matmul, plus
 from kanejax._types import Matrix, Scalar, Vector
 
 
+WORLD_FRAMES = Frames(IDENTITY, ZERO)
+
+
 class Placed(NamedTuple):
     """A link in world axes: its rotation, the vector from its parent's origin to its own, and its axes of motion."""
 
@@ -37,11 +40,6 @@ def world_frames(tree: Tree, links: LinkParameters, q: jax.Array, unroll: int = 
         return frames, frames
 
     if not tree.njoint:
-        return jax.tree.map(lambda x: jnp.zeros((0, *x.shape), x.dtype), world(q))
+        return jax.tree.map(lambda _: jnp.zeros((0, *q.shape[1:]), q.dtype), WORLD_FRAMES)
     inputs = list(zip(split_parameters(tree, links), joint_features(tree, q), strict=True))
-    return join_links(tree, base_to_tip(tree, step, world(q), inputs, unroll))
-
-
-def world(like: jax.Array) -> Frames:
-    """The world's own frame, its components of the batch's shape."""
-    return Frames(*jax.tree.map(lambda number: jnp.full(like.shape[1:], number, like.dtype), (IDENTITY, ZERO)))
+    return join_links(tree, base_to_tip(tree, step, WORLD_FRAMES, inputs, q, unroll), q)
