@@ -49,6 +49,7 @@ from kanejax._kinematics.partial_velocity import (
 )
 from kanejax._kinematics.pose import Poses as Poses, poses as poses
 from kanejax._model.model import Model as Model
+from kanejax._model.specialized import Specialized as Specialized, specialize as specialize
 from kanejax._model.tree import Tree as Tree
 from kanejax._simulate.batch import SimulationInterrupted as SimulationInterrupted, simulate_batch as simulate_batch
 from kanejax._simulate.beta_scheme import BetaScheme as BetaScheme

@@ -9,10 +9,11 @@ import jax.numpy as jnp
 from kanejax import _batching
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, batch_shape, prepare
+from kanejax._model.specialized import Specialized
 from kanejax._model.tree import Tree
 
 
-def check_state(model: Model, **state: Any) -> None:
+def check_state(model: Model | Specialized, **state: Any) -> None:
     """Compare shapes and data types of a state with the model's.
 
     Raises:
@@ -31,12 +32,17 @@ def check_state(model: Model, **state: Any) -> None:
             raise ValueError(f"{name} has dtype {dtype}, but the model has {model.dtype}; convert one, e.g. model.astype({dtype})")
 
 
-def evaluate(function: Callable[..., Any], model: Model, *state: jax.Array) -> Any:
+def evaluate(function: Callable[..., Any], model: Model | Specialized, *state: jax.Array) -> Any:
     """Evaluate the kernel `function(tree, prepared, *state)`, which is written for trailing batch axes."""
-    return evaluate_prepared(function, model.tree, prepare(model), *state)
+    return evaluate_prepared(function, model.tree, prepare_once(model), *state)
 
 
-def evaluate_prepared(function: Callable[..., Any], tree: Tree, prepared: Prepared, *state: jax.Array) -> Any:
+def prepare_once(model: Model | Specialized) -> Prepared | Specialized:
+    """What `evaluate_prepared` needs of a model."""
+    return model if isinstance(model, Specialized) else prepare(model)
+
+
+def evaluate_prepared(function: Callable[..., Any], tree: Tree, prepared: Prepared | Specialized, *state: jax.Array) -> Any:
     """The same with parameters that were prepared before, for many evaluations on one model."""
     operands, structure = jax.tree.flatten((prepared, tuple(jnp.asarray(x) for x in state)))
     results = _batching.call(_unflatten, (function, tree, structure), tuple(operands))
@@ -45,6 +51,8 @@ def evaluate_prepared(function: Callable[..., Any], tree: Tree, prepared: Prepar
 
 def _unflatten(function: Callable, tree: Tree, structure: Any, *operands: jax.Array) -> tuple:
     prepared, state = jax.tree.unflatten(structure, operands)
-    batch = jnp.broadcast_shapes(batch_shape(prepared), *(x.shape[1:] for x in state))
+    frozen = isinstance(prepared, Specialized)
+    batch = jnp.broadcast_shapes(() if frozen else batch_shape(prepared), *(x.shape[1:] for x in state))
+    prepared = prepared.constants(state[0]) if frozen else prepared
     result = function(tree, prepared, *(jnp.broadcast_to(x, x.shape[:1] + batch) for x in state))
     return result if isinstance(result, tuple) else (result,)

@@ -16,11 +16,13 @@ from kanejax._dynamics.mass_matrix import mass_matrix as _mass_matrix_of_links
 from kanejax._evaluate import check_state, evaluate
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, displacement
+from kanejax._model.specialized import Specialized
 from kanejax._model.tree import Tree
+from kanejax._recursion import is_frozen
 from kanejax._types import Coordinates, Forces, Speeds
 
 
-def inverse_dynamics(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds) -> Forces:
+def inverse_dynamics(model: Model | Specialized, q: Coordinates, u: Speeds, u_dot: Speeds) -> Forces:
     """Forces at the joints that make the mechanism move with the given accelerations.
 
     MuJoCo's `qfrc_inverse`, contacts and constraints aside: F(q) u_dot + bias(q, u) less the forces of springs, dampers
@@ -42,7 +44,7 @@ def inverse_dynamics(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds) -> 
     return evaluate(_inverse_dynamics, model, q, u, u_dot)
 
 
-def forward_dynamics(model: Model, q: Coordinates, u: Speeds, tau: Forces) -> Speeds:
+def forward_dynamics(model: Model | Specialized, q: Coordinates, u: Speeds, tau: Forces) -> Speeds:
     """Rates of the generalized speeds under forces at the joints.
 
     MuJoCo's `qacc`, contacts and constraints aside. Order-N elimination; derivatives come from implicit differentiation of the
@@ -64,37 +66,37 @@ def forward_dynamics(model: Model, q: Coordinates, u: Speeds, tau: Forces) -> Sp
     return evaluate(_forward_dynamics, model, q, u, tau)
 
 
-def mass_matrix(model: Model, q: Coordinates) -> Float[Array, "nv nv"]:
+def mass_matrix(model: Model | Specialized, q: Coordinates) -> Float[Array, "nv nv"]:
     """Kane's F, Nie (3.56): the kinetic energy is u . F u / 2. MuJoCo's `M` (full), armature included."""
     check_state(model, q=q)
     return evaluate(_mass_matrix, model, q)
 
 
-def bias_force(model: Model, q: Coordinates, u: Speeds) -> Forces:
+def bias_force(model: Model | Specialized, q: Coordinates, u: Speeds) -> Forces:
     """Forces that hold the speeds constant without springs, dampers and friction: MuJoCo's `qfrc_bias`, sign included."""
     check_state(model, q=q, u=u)
     return evaluate(_bias_force, model, q, u)
 
 
-def gravity_force(model: Model, q: Coordinates) -> Forces:
+def gravity_force(model: Model | Specialized, q: Coordinates) -> Forces:
     """Generalized active force of gravity, Nie (3.54): minus the bias force at rest."""
     check_state(model, q=q)
     return -evaluate(_bias_force, model, q, jnp.zeros(model.nv, q.dtype))
 
 
-def passive_force(model: Model, q: Coordinates, u: Speeds) -> Forces:
+def passive_force(model: Model | Specialized, q: Coordinates, u: Speeds) -> Forces:
     """Generalized active force of springs, dampers and smoothed friction: MuJoCo's `qfrc_passive`, and the friction."""
     check_state(model, q=q, u=u)
     return evaluate(_passive_force, model, q, u)
 
 
-def generalized_inertia_force(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds) -> Forces:
+def generalized_inertia_force(model: Model | Specialized, q: Coordinates, u: Speeds, u_dot: Speeds) -> Forces:
     """Kane's F*_r, Nie (3.46), rotor inertias included: -(F(q) u_dot + bias(q, u)) with gravity left out."""
     check_state(model, q=q, u=u, u_dot=u_dot)
     return evaluate(_inertia_force, model, q, u, u_dot)
 
 
-def generalized_active_force(model: Model, q: Coordinates, u: Speeds, tau: Forces) -> Forces:
+def generalized_active_force(model: Model | Specialized, q: Coordinates, u: Speeds, tau: Forces) -> Forces:
     """Kane's F_r, Nie (3.50): gravity, springs, dampers, friction, and the forces at the joints."""
     return tau + gravity_force(model, q) + passive_force(model, q, u)
 
@@ -117,24 +119,48 @@ def _inertia_force(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, u
     return -dynamic - prepared.armature * u_dot
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _forward_dynamics(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, tau: jax.Array) -> jax.Array:
-    force = tau + _passive_force(tree, prepared, q, u)
-    relative = displacement(tree, prepared, q)
-    armature = jnp.broadcast_to(prepared.armature, u.shape)
-    return articulated_inertia.forward_dynamics(tree, prepared.links, prepared.gravity, armature, relative, u, force)
+    if is_frozen(prepared.links):
+        # Constants must not become traced arguments of the derivative rule.
+        return _solve_motion(tree, _Constants(prepared), None, q, u, tau)
+    return _solve_motion(tree, None, prepared, q, u, tau)
 
 
-@_forward_dynamics.defjvp
-def _implicit_derivative(tree: Tree, primals: tuple, tangents: tuple) -> tuple[jax.Array, jax.Array]:
+class _Constants:
+    """Frozen parameters, as an argument that is compared by identity."""
+
+    def __init__(self, prepared: Prepared) -> None:
+        self.prepared = prepared
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _solve_motion(
+    tree: Tree, constants: _Constants | None, prepared: Prepared | None, q: jax.Array, u: jax.Array, tau: jax.Array
+) -> jax.Array:
+    known = _known(constants, prepared)
+    force = tau + _passive_force(tree, known, q, u)
+    relative = displacement(tree, known, q)
+    armature = jnp.broadcast_to(known.armature, u.shape)
+    return articulated_inertia.forward_dynamics(tree, known.links, known.gravity, armature, relative, u, force)
+
+
+def _known(constants: _Constants | None, prepared: Prepared | None) -> Prepared:
+    found = prepared if constants is None else constants.prepared
+    assert found is not None
+    return found
+
+
+@_solve_motion.defjvp
+def _implicit_derivative(tree: Tree, constants: _Constants | None, primals: tuple, tangents: tuple) -> tuple[jax.Array, jax.Array]:
     """Differentiate inverse_dynamics(q, u, u_dot) = tau: F u_dot' = tau' - what the force changes at fixed u_dot."""
     prepared, q, u, tau = primals
-    armature = jnp.broadcast_to(prepared.armature, u.shape)
-    factor = articulated_inertia.factorize(tree, prepared.links, armature, displacement(tree, prepared, q))
-    u_dot = articulated_inertia.solve(tree, factor, tau - _inverse_dynamics(tree, prepared, q, u, jnp.zeros_like(u)))
+    known = _known(constants, prepared)
+    armature = jnp.broadcast_to(known.armature, u.shape)
+    factor = articulated_inertia.factorize(tree, known.links, armature, displacement(tree, known, q))
+    u_dot = articulated_inertia.solve(tree, factor, tau - _inverse_dynamics(tree, known, q, u, jnp.zeros_like(u)))
 
-    def needed(prepared: Prepared, q: jax.Array, u: jax.Array) -> jax.Array:
-        return _inverse_dynamics(tree, prepared, q, u, u_dot)
+    def needed(prepared: Prepared | None, q: jax.Array, u: jax.Array) -> jax.Array:
+        return _inverse_dynamics(tree, _known(constants, prepared), q, u, u_dot)
 
     change = jax.jvp(needed, (prepared, q, u), tangents[:3])[1]
     return u_dot, articulated_inertia.solve(tree, factor, tangents[3] - change)

@@ -12,14 +12,17 @@ import optimistix as optx
 
 @final
 class BetaScheme(diffrax.AbstractImplicitSolver):
-    """y1 = y0 + h f(t0 + beta h, (1 - beta) y0 + beta y1), which AUTOQ calls explicit at beta = 0, implicit at 1, "Crank-Nelson" between.
+    """y1 = y0 + h f(t0 + beta h, (1 - beta) y0 + beta y1), which AUTOQ calls explicit at beta = 0, implicit at 1,
+    "Crank-Nelson" between.
 
-    Of order 2 at beta = 0.5, where it is the implicit midpoint rule, which keeps quadratic invariants such as the length of quaternions;
-    of order 1 otherwise. A-stable from beta = 0.5 on. Only for equal steps: `simulate(..., solver=BetaScheme(0.5), dt0=1e-3)`.
+    Of order 2 at beta = 0.5, where it is the implicit midpoint rule, which keeps quadratic invariants such as the length of
+    quaternions; of order 1 otherwise. A-stable from beta = 0.5 on. Only for equal steps: `simulate(..., solver=BetaScheme(0.5),
+    dt0=1e-3)`.
 
-    From its second step on AUTOQ replaces the difference quotient (y1 - y0) / h by (3 y1 - 4 y0 + y_before) / (2 h). That is `three_point`;
-    it is of order 2 at beta = 1, where it is the backward differentiation formula, and of order 1 otherwise, since quotient
-    and right-hand side belong to different times. AUTOQ solves for y1 by Broyden's method, here by Newton's with one Jacobian a step.
+    From its second step on AUTOQ replaces the difference quotient (y1 - y0) / h by (3 y1 - 4 y0 + y_before) / (2 h). That is
+    `three_point`; it is of order 2 at beta = 1, where it is the backward differentiation formula, and of order 1 otherwise,
+    since quotient and right-hand side belong to different times. AUTOQ solves for y1 by Broyden's method, here by Newton's with
+    one Jacobian a step.
 
     Attributes:
         beta: from 0 to 1.

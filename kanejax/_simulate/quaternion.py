@@ -1,9 +1,9 @@
 """Kinematical equations: rates of the coordinates from the speeds, and the length of quaternions.
 
-The rate of a quaternion is q * (0, w) / 2, linear in it, and forces do not depend on its length. So a quaternion of any length stands
-for the same motion, and normalising what is saved gives the trajectory that normalising after every step would give. Only
-overflow would end this, of the explicit Euler method within some 1e4 steps: while integrating, `restoring_rate` keeps the length near one.
-It is zero at length one, and it acts along the quaternion, so it changes no rotation and no derivative of one.
+The rate of a quaternion is q * (0, w) / 2, linear in it, and forces do not depend on its length. So a quaternion of any length
+stands for the same motion, and normalising what is saved gives the trajectory that normalising after every step would give.
+Only overflow would end this, of the explicit Euler method within some 1e4 steps: while integrating, `restoring_rate` keeps the
+length near one. It is zero at length one, and it acts along the quaternion, so it changes no rotation and no derivative of one.
 """
 
 import jax

@@ -47,16 +47,15 @@ def simulate(
     """Move a mechanism from an initial state through time.
 
     Steps adapt to the tolerances, unless `dt0` asks for equal steps. The model's leaves, the initial state, the control's
-    parameters and the events can be differentiated, and failing is a value in the result, so that in a batch one bad trajectory harms no
-    other.
+    parameters and the events can be differentiated, and failing is a value in the result, so that in a batch one bad trajectory
+    harms no other.
 
     Batches: `jax.vmap` over any of the arguments, or `simulate_batch` for any number in constant memory. Under vmap adaptive steps
     go in lock-step: each trajectory has its own step size, but all of them take as many steps as the one that needs most. Batch
     trajectories that are alike, loosen the tolerances for the few that are hard, or use equal steps, which waste nothing.
 
-    Gradients: reverse mode works with the defaults. With equal steps it keeps the states of all stages, about 1 kB a step for an arm
-    with seven joints; for long simulations `adjoint=diffrax.RecursiveCheckpointAdjoint()` keeps few and evaluates the others
-    again. Forward mode, faster for few parameters, works with equal steps, and with adaptive ones through
+    Gradients: reverse mode works with the defaults. With equal steps it keeps the states of all stages, 1 kB a step for an arm with
+    seven joints; for long simulations `adjoint=diffrax.RecursiveCheckpointAdjoint()` keeps few and evaluates the others again. Forward mode, faster for few parameters, works with equal steps, and with adaptive ones through
     `adjoint=diffrax.ForwardMode()`. `diffrax.DirectAdjoint()` has both modes for adaptive steps, but pays for `max_steps` steps.
 
     Args:
@@ -64,8 +63,8 @@ def simulate(
         q0: generalized coordinates at the first time; quaternions (w, x, y, z) are normalised.
         u0: generalized speeds at the first time.
         ts: times [s] to save, strictly increasing; the simulation starts at the first and ends at the last.
-        control: forces at the joints: a function of (t, q, u), which may be an `equinox.Module` with parameters; a pair of a function of
-            (t, q, u, params) and params; a `TorqueTable`; or None for zero. A new function object compiles again.
+        control: forces at the joints: a function of (t, q, u), which may be an `equinox.Module` with parameters; a pair of a
+            function of (t, q, u, params) and params; a `TorqueTable`; or None for zero. A new function object compiles again.
         solver: of diffrax, or a `BetaScheme`; by default `diffrax.Tsit5()`. Stiff mechanisms need an implicit one such as
             `diffrax.Kvaerno5()`.
         dt0: with it, equal steps no longer than this [s]. Each interval between saved times is divided alike if `ts` and `dt0` are
@@ -79,8 +78,8 @@ def simulate(
         events: what stops the simulation: a scalar function of (t, q, u), whose zero crossings do, a `StateEvent`, or a mapping
             of names to those. Of two events in one step the first in this order counts.
         joint_limits: also stop where a joint leaves `model.joint_range`, an event called "joint limit".
-        on_event: function (t, q, u) -> (q, u): go on with this state after an event instead of stopping, such as `JointLimitBounce`.
-            An `equinox.Module` can have parameters. Events need a direction then.
+        on_event: function (t, q, u) -> (q, u): go on with this state after an event instead of stopping, such as
+            `JointLimitBounce`. An `equinox.Module` can have parameters. Events need a direction then.
         max_events: how many events are passed on to `on_event`; the next one stops.
         dense: keep what `Trajectory.evaluate` needs for any time, for `max_steps` steps.
         max_steps: stop after this many adaptive steps, between one event and the next.
@@ -99,7 +98,7 @@ def simulate(
     if joint_limits:
         check_within_limits(model, q0)
     control = as_control(control)
-    check_control(control, ts[0], q0, u0)
+    check_control(control, jnp.asarray(ts[0]), q0, u0)
     if on_event is not None and (dense or not (joint_limits or events)):
         raise ValueError("on_event needs events or joint_limits, and cannot be combined with dense")
     conditions, names = as_conditions(model, events, joint_limits, need_direction=on_event is not None)

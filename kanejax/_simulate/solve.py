@@ -72,7 +72,7 @@ def solve_fixed(solver: diffrax.AbstractSolver, system: System, y0: jax.Array, t
 
 
 def solve(settings: Settings, system: System, y0: jax.Array, t0: jax.Array, ts: jax.Array) -> Solution:
-    """Integrate from t0 to the last of ts with diffrax; saved times before t0 have its state, and those not reached are infinite."""
+    """Integrate from t0 to the last of ts with diffrax; times before t0 get its state, those not reached infinity."""
     event = diffrax.Event(settings.conditions, event_time_finder(y0.dtype), direction=False) if settings.conditions else None
     saveat = diffrax.SaveAt(subs=(diffrax.SubSaveAt(ts=jnp.maximum(ts, t0)), diffrax.SubSaveAt(t1=True)), dense=settings.dense)
     solution = diffrax.diffeqsolve(
