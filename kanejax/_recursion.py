@@ -21,6 +21,8 @@ from kanejax._scalar import add, barrier, is_known
 from kanejax._types import Matrix, Scalar, Symmetric, Vector
 
 PyTree = Any
+# Arrays with one row a link; constants of a specialized model are NumPy arrays.
+Rows = jax.Array | np.ndarray
 Step = Callable[[type[AbstractJoint], PyTree, PyTree], tuple[PyTree, PyTree]]
 
 
@@ -55,12 +57,12 @@ def split_parameters(tree: Tree, parameters: LinkParameters) -> list[Link]:
     ]
 
 
-def _split(tree: Tree, of_links: jax.Array) -> list[jax.Array]:
+def _split(tree: Tree, of_links: Rows) -> list[Rows]:
     """Rows of an array over the links for each segment."""
     return [_take(of_links, segment.links) for segment in segments(tree)]
 
 
-def _take(leaf: jax.Array, rows: Sequence[int] | np.ndarray) -> jax.Array:
+def _take(leaf: Rows, rows: Sequence[int] | np.ndarray) -> Rows:
     """Rows of an array: a slice where they follow one another, for that costs no gather."""
     index = np.asarray(rows, dtype=int)
     if len(index) and np.array_equal(index, np.arange(index[0], index[0] + len(index))):
@@ -119,7 +121,8 @@ def as_rows(component: Scalar, length: int, like: jax.Array) -> jax.Array:
     """One component of a segment's links as an array (length, *batch), whether it was looped over, unrolled, or known."""
     shape = like.shape[1:]
     if isinstance(component, Column):
-        return jnp.stack(barrier([jnp.broadcast_to(jnp.asarray(x, like.dtype), shape) for x in component.rows]))
+        # Materialised before and after: XLA evaluates what is fused into a stack for every row of it.
+        return barrier(jnp.stack(barrier([jnp.broadcast_to(jnp.asarray(x, like.dtype), shape) for x in component.rows])))
     return jnp.broadcast_to(jnp.asarray(component, like.dtype), (length, *shape))
 
 

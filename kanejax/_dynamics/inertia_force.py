@@ -23,7 +23,6 @@ from kanejax._recursion import (
 )
 from kanejax._scalar import (
     ZERO,
-    is_known,
     add,
     apply,
     apply_transposed,
@@ -31,6 +30,7 @@ from kanejax._scalar import (
     cross,
     dot,
     full,
+    is_known,
     plus,
     scale,
     sub,
@@ -56,7 +56,13 @@ class Motion(NamedTuple):
 
 
 def inertia_force(
-    tree: Tree, links: LinkParameters, gravity: jax.Array | tuple[float, ...], q: jax.Array, u: jax.Array, u_dot: jax.Array, unroll: int = 1
+    tree: Tree,
+    links: LinkParameters,
+    gravity: jax.Array | tuple[float, ...],
+    q: jax.Array,
+    u: jax.Array,
+    u_dot: jax.Array,
+    unroll: int = 1,
 ) -> jax.Array:
     """Minus the generalized inertia and gravity forces, (nv, *batch): M(q) u_dot + bias(q, u), without armature.
 

@@ -12,7 +12,6 @@ from kanejax._recursion import Frames, Link, base_to_tip, join_links, joint_feat
 from kanejax._scalar import IDENTITY, ZERO, apply, barrier, matmul, plus
 from kanejax._types import Matrix, Scalar, Vector
 
-
 WORLD_FRAMES = Frames(IDENTITY, ZERO)
 
 

@@ -1,0 +1,153 @@
+"""The command line: what it prints and writes, its errors and exit codes."""
+
+import importlib
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import kanejax as kj
+from kanejax import cli
+
+PENDULUM = """<mujoco model="p"><worldbody><body name="arm"><joint name="hinge" axis="0 1 0" range="-90 90"{damping}/>
+<geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05" mass="2"/>
+<body name="bob" pos="0 0 -1"><joint name="slide" type="slide" armature="0.2" stiffness="50"/><geom size="0.1" mass="1"/>
+<body name="tip" pos="0 0 -0.1"/></body></body></worldbody>{rest}</mujoco>"""
+FLUID = '<option density="1000"/>'
+DIRTY = """<robot name="dirty"><link name="base"/><link name="arm"><inertial><mass value="-1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="continuous"><parent link="base"/><child link="arm"/></joint></robot>"""
+
+
+@pytest.fixture
+def pendulum(tmp_path):
+    path = tmp_path / "pendulum.xml"
+    path.write_text(PENDULUM.format(damping="", rest=""))
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(cli.app, [str(argument) for argument in arguments])
+
+
+def test_help_describes_the_commands_and_exit_codes():
+    result = run("--help")
+    assert result.exit_code == 0
+    for word in ("validate", "info", "simulate", "Exit codes"):
+        assert word in result.output
+    for command in ("validate", "info", "simulate"):
+        assert "Examples" in run(command, "--help").output
+
+
+def test_validate(pendulum):
+    result = run("validate", pendulum, "--samples", 5)
+    assert result.exit_code == 0, result.output
+    assert "pendulum.xml: 3 bodies, 2 speeds, 5 random states" in result.stdout
+    assert "OVER" not in result.stdout
+    result = run("validate", pendulum, "--samples", 5, "--json")
+    (report,) = json.loads(result.stdout)
+    assert report["passed"]
+    assert len(report["rows"]) == 8
+
+
+def test_validate_fails_over_tolerance(pendulum, monkeypatch):
+    module = importlib.import_module("kanejax.validate")
+    none = {dtype: dict.fromkeys(module.QUANTITIES, 0.0) for dtype in ("float64", "float32")}
+    compare = kj.validate
+    monkeypatch.setattr(kj, "validate", lambda robot, **options: compare(robot, tolerances=none, **options))
+    result = run("validate", pendulum, "--samples", 5)
+    assert result.exit_code == cli.FAILED
+    assert "OVER" in result.stdout
+    assert "over tolerance" in result.stderr
+
+
+def test_validate_goes_on_after_a_bad_file(pendulum, tmp_path):
+    dirty = tmp_path / "dirty.urdf"
+    dirty.write_text(DIRTY)
+    result = run("validate", dirty, "missing.urdf", pendulum, "--samples", 5)
+    assert result.exit_code == cli.BAD_INPUT
+    assert "3 bodies" in result.stdout
+    lines = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 2
+    assert "dirty.urdf" in lines[0]
+    assert "--repair" in lines[0]
+    assert "missing.urdf" in lines[1]
+    assert "Traceback" not in result.stderr
+
+
+def test_info(pendulum):
+    result = run("info", pendulum)
+    assert result.exit_code == 0, result.output
+    for part in (
+        "3 bodies, 2 joints, 2 coordinates, 2 speeds",
+        "hinge: revolute about (0, 1, 0), -1.571 to 1.571 rad",
+        "slide: prismatic along (0, 0, 1), armature 0.2 kg, stiffness 50 N/m",
+        "tip welded",
+        "1 kg, mass centre (0, 0, 0) m",
+    ):
+        assert part in result.stdout
+    shown = json.loads(run("info", pendulum, "--json").stdout)
+    assert [body["parent"] for body in shown["bodies"]] == [None, "arm", "bob"]
+    assert shown["joints"][0]["range"] == pytest.approx([-np.pi / 2, np.pi / 2])
+    assert shown["joints"][1]["range"] == [None, None]
+    assert shown["joints"][1]["armature"] == [0.2]
+    np.testing.assert_allclose(np.linalg.eigvalsh(shown["bodies"][0]["central_inertia"]), shown["bodies"][0]["principal_moments"])
+
+
+def test_info_tells_what_is_ignored_and_repaired(tmp_path):
+    path = tmp_path / "fluid.xml"
+    path.write_text(PENDULUM.format(damping="", rest=FLUID))
+    result = run("info", path)
+    assert "ignored, though it enters the dynamics: fluid forces" in result.stdout
+    result = run("info", path, "--strict")
+    assert result.exit_code == cli.BAD_INPUT
+    assert "use --no-strict" in result.stderr
+    path.write_text(DIRTY)
+    result = run("info", path, "--repair")
+    assert result.exit_code == 0
+    assert "changed: body 'arm': mass -1 kg is negative" in result.stdout
+    assert "warning" in run("info", path, "--allow-unphysical").stderr
+
+
+def test_simulate_writes_a_file(pendulum, tmp_path):
+    out = tmp_path / "run.npz"
+    arguments = ("simulate", pendulum, "--out", out, "--trajectories", 6, "--duration", 0.5, "--times", 11)
+    result = run(*arguments)
+    assert result.exit_code == 0, result.output
+    assert "6 SUCCESSFUL" in result.stdout
+    assert "energy drift" in result.stdout
+    first = np.load(out)
+    assert first["q"].shape == first["u"].shape == (6, 11, 2)
+    assert first["q"].dtype == np.float64
+    np.testing.assert_allclose(first["ts"], np.linspace(0, 0.5, 11))
+    assert list(first["joint_names"]) == ["hinge", "slide"]
+    assert json.loads(str(first["details"]))["energy_change_worst"] < 1e-5
+    assert [path.name for path in tmp_path.iterdir() if "partial" in path.name] == []
+    result = run(*arguments, "--json")
+    assert json.loads(result.stdout)["status"] == {"SUCCESSFUL": 6}
+    np.testing.assert_array_equal(np.load(out)["q"], first["q"])
+
+
+def test_simulate_says_that_trajectories_failed(pendulum, tmp_path):
+    out = tmp_path / "run.npz"
+    result = run(
+        "simulate", pendulum, "--out", out, "--trajectories", 6, "--duration", 0.5, "--times", 11, "--max-steps", 2, "--damping", 1
+    )
+    assert result.exit_code == cli.FAILED
+    assert "6 MAX_STEPS" in result.stdout
+    assert np.isfinite(np.load(out)["q"][:, 0]).all()
+
+
+def test_simulate_checks_the_output_first(pendulum, tmp_path):
+    for out, message in ((tmp_path, "is a folder"), (tmp_path / "nowhere" / "run.npz", "cannot be written")):
+        result = run("simulate", pendulum, "--out", out)
+        assert result.exit_code == cli.BAD_INPUT
+        assert message in result.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments", [("simulate", "a.xml", "--trajectories", 0, "--out", "a.npz"), ("validate",), ("frobnicate",)]
+)
+def test_wrong_usage(arguments):
+    assert run(*arguments).exit_code == cli.BAD_INPUT

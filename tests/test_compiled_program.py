@@ -1,0 +1,73 @@
+"""What is deterministic about speed: the compiled programs do not grow or duplicate work in ways that were measured to be slow."""
+
+import re
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import pytest
+
+import kanejax as kj
+from tests.helpers.mechanisms import random_tree
+
+BATCH = 32
+
+
+def chain(bodies: int) -> kj.Model:
+    return kj.from_mujoco(mujoco.MjModel.from_xml_string(random_tree(0, bodies, ("hinge",), chain=True)))
+
+
+def compiled(function, model, states: int = 3):
+    state = [jnp.zeros((BATCH, model.nv))] * states
+    return jax.jit(jax.vmap(function, (None,) + (0,) * states)).lower(model, *state).compile()
+
+
+def computations(text: str) -> dict[str, list[str]]:
+    """Lines of each computation of an HLO module, by name."""
+    found: dict[str, list[str]] = {}
+    name = None
+    for line in text.splitlines():
+        start = re.match(r"^(?:ENTRY )?%?([\w.\-]+) \(.*\{$", line)
+        if start:
+            name = start.group(1)
+            found[name] = []
+        elif line.startswith("}"):
+            name = None
+        elif name is not None:
+            found[name].append(line)
+    return found
+
+
+def arithmetic(lines: list[str]) -> int:
+    return sum(bool(re.search(r" (multiply|add|subtract|divide|sqrt|sine|cosine)\(", line)) for line in lines)
+
+
+@pytest.mark.parametrize("function", [kj.inverse_dynamics, kj.forward_dynamics])
+def test_one_program_whatever_the_number_of_bodies(function):
+    short, long = (compiled(function, chain(bodies)).as_text() for bodies in (4, 9))
+    assert short.count(" while(") == long.count(" while(") >= 2
+    assert arithmetic(short.splitlines()) == pytest.approx(arithmetic(long.splitlines()), rel=0.02)
+
+
+@pytest.mark.parametrize("function", [kj.inverse_dynamics, kj.forward_dynamics])
+def test_a_branching_tree_is_no_more_loops_than_a_chain(function):
+    tree = kj.from_mujoco(mujoco.MjModel.from_xml_string(random_tree(2, 9, ("hinge",))))
+    assert compiled(function, tree).as_text().count(" while(") == compiled(function, chain(9)).as_text().count(" while(")
+
+
+@pytest.mark.parametrize("function", [kj.inverse_dynamics, kj.forward_dynamics])
+def test_the_unrolled_program_has_work_linear_in_the_bodies(function):
+    """Without barriers XLA copies producers into consumers, and the work grows exponentially."""
+    work = [compiled(function, kj.specialize(chain(bodies))).cost_analysis()["flops"] for bodies in (3, 5, 7)]
+    assert work[2] - work[1] == pytest.approx(work[1] - work[0], rel=0.15)
+
+
+@pytest.mark.parametrize("specialized", [False, True])
+def test_nothing_is_computed_inside_a_concatenation(specialized):
+    """XLA evaluates what is fused into a concatenation once for every row of it."""
+    model = chain(4)
+    text = compiled(kj.inverse_dynamics, kj.specialize(model) if specialized else model).as_text()
+    blocks = [lines for lines in computations(text).values() if any(" concatenate(" in line for line in lines)]
+    for lines in blocks:
+        if not any("while(" in line or " fusion(" in line for line in lines):
+            assert arithmetic([line for line in lines if f"{BATCH}]" in line]) <= 2
