@@ -42,6 +42,10 @@ from kanejax._io.export import to_mjcf as to_mjcf, to_mujoco as to_mujoco
 from kanejax._io.load import LoadReport as LoadReport, load as load, load_report as load_report
 from kanejax._io.mujoco import from_mujoco as from_mujoco
 from kanejax._io.urdf_inertials import to_urdf_inertials as to_urdf_inertials
+from kanejax._kinematics.coordinate_rates import (
+    coordinate_rates as coordinate_rates,
+    tangent_gradient as tangent_gradient,
+)
 from kanejax._kinematics.partial_velocity import (
     PartialVelocities as PartialVelocities,
     partial_velocities as partial_velocities,
@@ -55,7 +59,6 @@ from kanejax._simulate.batch import SimulationInterrupted as SimulationInterrupt
 from kanejax._simulate.beta_scheme import BetaScheme as BetaScheme
 from kanejax._simulate.control import TorqueTable as TorqueTable
 from kanejax._simulate.events import JointLimitBounce as JointLimitBounce, StateEvent as StateEvent
-from kanejax._simulate.quaternion import coordinate_rates as coordinate_rates
 from kanejax._simulate.simulate import simulate as simulate
 from kanejax._simulate.trajectory import (
     SimulationError as SimulationError,

@@ -194,8 +194,14 @@ def tip_to_base(tree: Tree, step: Step, zero: PyTree, inputs: list[PyTree], like
 
 
 def _filled(state: PyTree, like: jax.Array) -> PyTree:
-    """Known numbers as arrays of the batch's shape: a loop's carry must be."""
-    return jax.tree.map(lambda x: jnp.full(like.shape[1:], x, like.dtype) if is_known(x) else x, state)
+    """Every scalar as an array of the batch's shape, also known numbers and those of parameters alone: a loop's carry must be."""
+    shape = like.shape[1:]
+
+    def fill(x: Scalar) -> jax.Array:
+        x = jnp.asarray(x, like.dtype)
+        return jnp.broadcast_to(x, jnp.broadcast_shapes(x.shape, shape))
+
+    return jax.tree.map(fill, state)
 
 
 def _unrolled(segment: Segment, rows: PyTree, unroll: int) -> bool:

@@ -165,12 +165,8 @@ def barrier[T](tree: T) -> T:
     Without barriers XLA:CPU copies producers into their consumers and the cost grows exponentially with the depth of
     the recursion. Known numbers pass through.
     """
-    leaves, structure = jax.tree.flatten(tree)
-    traced = [leaf for leaf in leaves if not is_known(leaf)]
-    if not any(isinstance(leaf, Tracer) for leaf in traced):
-        return tree
-    materialised = iter(lax.optimization_barrier(tuple(traced)))
-    return jax.tree.unflatten(structure, [leaf if is_known(leaf) else next(materialised) for leaf in leaves])
+    # One barrier for each scalar: jax 0.12 cannot transpose a common one of which a derivative reaches only a part.
+    return jax.tree.map(lambda leaf: lax.optimization_barrier(leaf) if isinstance(leaf, Tracer) else leaf, tree)
 
 
 @jax.custom_jvp

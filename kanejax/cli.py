@@ -17,6 +17,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from kanejax._errors import IgnoredFeatureWarning, KanejaxError, RepairedModelWarning, UnphysicalInertiaWarning
+
 if TYPE_CHECKING:
     from kanejax._io.load import LoadReport
 
@@ -69,7 +71,7 @@ def validate(
     `kanejax validate --json arm.urdf > report.json`
     """
     with _one_line_errors():
-        from kanejax import KanejaxError, validate as compare
+        from kanejax import validate as compare
 
         _use_compilation_cache()
         reports, refused = [], False
@@ -189,7 +191,7 @@ def simulate(
 def _load(robot: str, *, strict: bool, repair: bool, allow_unphysical: bool) -> "LoadReport":
     import jax
 
-    from kanejax import KanejaxError, load_report
+    from kanejax import load_report
 
     with jax.enable_x64(True):
         try:
@@ -234,6 +236,8 @@ def _check_writable(out: Path) -> None:
 def _one_line_errors() -> Iterator[None]:
     """Print warnings and expected errors as one line each, without a traceback."""
     with warnings.catch_warnings():
+        for category in (IgnoredFeatureWarning, RepairedModelWarning, UnphysicalInertiaWarning):
+            warnings.simplefilter("always", category)
         warnings.showwarning = lambda message, category, *_, **__: _complain(str(message), "warning: ")
         try:
             yield

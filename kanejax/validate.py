@@ -26,8 +26,6 @@ from kanejax._model.model import Model
 from kanejax._validate.peers import mujoco_terms, own_terms, pinocchio_terms, without_constraints
 from kanejax._validate.report import (
     QUANTITIES as QUANTITIES,
-    Peer,
-    Precision,
     Quantity,
     ValidationReport as ValidationReport,
     ValidationRow as ValidationRow,
@@ -49,8 +47,8 @@ def validate(
     *,
     samples: int = 1000,
     seed: int = 0,
-    against: Peer | Sequence[Peer] = "mujoco",
-    dtypes: Sequence[Precision] = ("float64", "float32"),
+    against: str | Sequence[str] = "mujoco",
+    dtypes: Sequence[str] = ("float64", "float32"),
     tolerances: Mapping[str, Mapping[str, float]] = TOLERANCES,
     strict: bool = True,
     repair: bool = False,
@@ -203,8 +201,8 @@ def _largest(values: np.ndarray) -> np.ndarray:
 
 
 def _row(
-    peer: Peer,
-    dtype: Precision,
+    peer: str,
+    dtype: str,
     quantity: Quantity,
     found: Mapping[str, np.ndarray],
     expected: Mapping[str, np.ndarray],

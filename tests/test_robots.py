@@ -37,6 +37,8 @@ def path_of(package: str, name: str) -> Path:
     return next(Path(str(file.locate())) for file in files if file.as_posix().endswith(name))
 
 
+# MuJoCo's word on a file of dm_control's.
+@pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass' is deprecated")
 @pytest.mark.parametrize(
     ("package", "name"),
     [

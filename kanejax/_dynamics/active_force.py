@@ -5,6 +5,7 @@ import jax.numpy as jnp
 
 from kanejax._model.prepared import Prepared
 from kanejax._model.tree import COORDINATES, Tree
+from kanejax._scalar import barrier
 
 
 def passive_force(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array) -> jax.Array:
@@ -34,7 +35,7 @@ def spring_force(tree: Tree, prepared: Prepared, q: jax.Array) -> jax.Array:
         turn = rotation_between([reference[start + i] for i in range(4)], [q[start + i] for i in range(4)])
         rows += [k * x for x in turn]
     batch = jnp.broadcast_shapes(q.shape[1:], *(row.shape for row in rows))
-    return jnp.stack(jax.lax.optimization_barrier([jnp.broadcast_to(row, batch) for row in rows]))
+    return jnp.stack(barrier([jnp.broadcast_to(row, batch) for row in rows]))
 
 
 def rotation_between(a: list[jax.Array], b: list[jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:

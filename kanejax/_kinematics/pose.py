@@ -13,6 +13,7 @@ from kanejax._model.links import body_poses_in_links, compose
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, displacement
 from kanejax._model.tree import Tree
+from kanejax._scalar import barrier
 from kanejax._types import Coordinates
 
 
@@ -53,5 +54,5 @@ def poses(model: Model, q: Coordinates) -> Poses:
 
 def _link_frames(tree: Tree, prepared: Prepared, q: jax.Array) -> tuple[jax.Array, jax.Array]:
     frames = world_frames(tree, prepared.links, displacement(tree, prepared, q))
-    rotation, position = jax.lax.optimization_barrier(tuple(frames))
+    rotation, position = barrier(tuple(frames))
     return jnp.stack([jnp.stack(row, 1) for row in rotation], 1), jnp.stack(position, 1)

@@ -5,6 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from kanejax._model.model import Model
 from kanejax._model.tree import COORDINATES, SPEEDS, Tree
@@ -101,7 +102,7 @@ def check_within_limits(model: Model, q0: jax.Array) -> None:
 
 
 def _known(value: Any) -> bool:
-    return not isinstance(value, jax.core.Tracer)
+    return not isinstance(value, Tracer)
 
 
 def _slots(tree: Tree, sizes: dict[str, int], starts: tuple[int, ...]) -> dict[str, tuple[int, int]]:

@@ -6,9 +6,9 @@ from typing import Any, Literal, final
 import diffrax
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 Interpolation = Literal["linear", "cubic", "hold"]
@@ -48,7 +48,7 @@ class TorqueTable(eqx.Module):
             raise ValueError(f"ts has shape {self.ts.shape}, but a table needs (n,) with n of at least 2")
         if self.values.ndim != 2 or len(self.values) != len(self.ts):
             raise ValueError(f"values has shape {self.values.shape}, but this table needs ({len(self.ts)}, nv)")
-        if not isinstance(self.ts, jax.core.Tracer) and not np.all(np.diff(self.ts) > 0):
+        if not isinstance(self.ts, Tracer) and not np.all(np.diff(self.ts) > 0):
             raise ValueError("ts must be strictly increasing")
 
     def __call__(self, t: Float[ArrayLike, ""], q: Any = None, u: Any = None) -> Float[Array, " nv"]:
@@ -62,7 +62,7 @@ class TorqueTable(eqx.Module):
         return diffrax.CubicInterpolation(ts, _cubics(ts, self.values)).evaluate(t)
 
 
-def _cubics(ts: jax.Array, values: jax.Array) -> tuple[jax.Array, ...]:
+def _cubics(ts: jax.Array, values: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     """Coefficients, highest power first, of cubics between the times, from values and slopes at both ends."""
     h = jnp.diff(ts)[:, None]
     rise = jnp.diff(values, axis=0) / h

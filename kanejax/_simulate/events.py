@@ -7,12 +7,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optimistix as optx
-from jaxtyping import Array, Float
 
 from kanejax._dynamics.equations_of_motion import forward_dynamics
+from kanejax._kinematics.coordinate_rates import unit_quaternions
 from kanejax._model.model import Model
 from kanejax._model.tree import Tree
-from kanejax._simulate.quaternion import unit_quaternions
 from kanejax._types import Coordinates, Speeds
 
 JOINT_LIMIT = "joint limit"
@@ -27,7 +26,7 @@ class StateEvent(eqx.Module):
         direction: the crossings that count: "falling", "rising", or "both".
     """
 
-    function: Callable[..., Float[Array, ""]]
+    function: Callable[..., Any]
     direction: Literal["falling", "rising", "both"] = eqx.field(static=True, default="both")
 
     def __check_init__(self) -> None:
@@ -40,7 +39,7 @@ class StateEvent(eqx.Module):
 class Falling(eqx.Module):
     """A scalar function of (t, q, u), or minus it, as a condition of diffrax: an event is its fall through zero."""
 
-    function: Callable[..., Float[Array, ""]]
+    function: Callable[..., Any]
     sign: int = eqx.field(static=True)
     tree: Tree = eqx.field(static=True)
 

@@ -9,12 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
+from jax.core import Tracer
 
+from kanejax._kinematics.coordinate_rates import unit_quaternions
 from kanejax._model.model import Model
 from kanejax._simulate.checks import check_positive, check_within_limits, checked_state, checked_times
 from kanejax._simulate.control import Controlled, TorqueTable, as_control, check_control
 from kanejax._simulate.events import as_conditions
-from kanejax._simulate.quaternion import unit_quaternions
 from kanejax._simulate.solve import Settings, solve, solve_fixed, solve_restarting
 from kanejax._simulate.system import system
 from kanejax._simulate.trajectory import Trajectory, raise_unless_ok
@@ -54,8 +55,9 @@ def simulate(
     go in lock-step: each trajectory has its own step size, but all of them take as many steps as the one that needs most. Batch
     trajectories that are alike, loosen the tolerances for the few that are hard, or use equal steps, which waste nothing.
 
-    Gradients: reverse mode works with the defaults. With equal steps it keeps the states of all stages, 1 kB a step for an arm with
-    seven joints; for long simulations `adjoint=diffrax.RecursiveCheckpointAdjoint()` keeps few and evaluates the others again. Forward mode, faster for few parameters, works with equal steps, and with adaptive ones through
+    Gradients: reverse mode works with the defaults. With equal steps it keeps the states of all stages, about 1 kB a step for an
+    arm with seven joints; for long simulations `adjoint=diffrax.RecursiveCheckpointAdjoint()` keeps few and evaluates the others
+    again. Forward mode, faster for few parameters, works with equal steps, and with adaptive ones through
     `adjoint=diffrax.ForwardMode()`. `diffrax.DirectAdjoint()` has both modes for adaptive steps, but pays for `max_steps` steps.
 
     Args:
@@ -168,7 +170,7 @@ def _tolerance(given: Any, double: float, single: float, dtype: Any) -> Any:
 
 def _substeps(ts: Any, dt0: Any) -> int | None:
     """Equal steps between saved times, if they are known."""
-    if dt0 is None or not isinstance(ts, np.ndarray) or isinstance(dt0, jax.core.Tracer):
+    if dt0 is None or not isinstance(ts, np.ndarray) or isinstance(dt0, Tracer):
         return None
     # A step that fits but for rounding errors fits.
     return max(1, int(np.ceil(np.max(np.diff(ts.astype(float))) / float(dt0) * (1 - 1e-6))))
@@ -193,8 +195,9 @@ def _prepared_solver(
         solver = eqx.tree_at(lambda s: s.scan_kind, solver, "bounded", is_leaf=lambda x: x is None)
     adaptive = isinstance(controller, diffrax.AbstractAdaptiveStepSizeController)
     if isinstance(solver, diffrax.AbstractImplicitSolver) and not adaptive:
-        given = {"rtol": rtol, "atol": atol, "norm": optx.rms_norm}
-        for name, value in given.items():
-            if getattr(solver.root_finder, name) is _UNSET:
-                solver = eqx.tree_at(lambda s: getattr(s.root_finder, name), solver, value)  # noqa: B023
+        root_finder = solver.root_finder
+        for name, value in (("rtol", rtol), ("atol", atol), ("norm", optx.rms_norm)):
+            if getattr(root_finder, name) is _UNSET:
+                root_finder = eqx.tree_at(lambda finder: getattr(finder, name), root_finder, value)  # noqa: B023
+        solver = eqx.tree_at(lambda s: s.root_finder, solver, root_finder)
     return solver

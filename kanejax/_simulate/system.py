@@ -1,6 +1,6 @@
 """The state's rates as diffrax wants them: coordinates and speeds in one vector, one kernel an evaluation."""
 
-from typing import final
+from typing import Any, final
 
 import equinox as eqx
 import jax
@@ -8,11 +8,12 @@ import jax.numpy as jnp
 
 from kanejax._dynamics.equations_of_motion import _forward_dynamics
 from kanejax._evaluate import evaluate_prepared
+from kanejax._kinematics.coordinate_rates import kinematical_rates, unit_quaternions
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, prepare
 from kanejax._model.tree import Tree
+from kanejax._scalar import barrier
 from kanejax._simulate.control import Controlled
-from kanejax._simulate.quaternion import kinematical_rates, unit_quaternions
 
 
 @final
@@ -33,8 +34,8 @@ def system(model: Model, control: Controlled) -> System:
     return System(prepare(model), control, model.tree)
 
 
-def rates(t: jax.Array, y: jax.Array, system: System) -> jax.Array:
-    """Rates of coordinates and speeds at time t."""
+def rates(t: Any, y: Any, system: Any) -> jax.Array:
+    """Rates of the state y at time t, as diffrax calls it with a System."""
     q, u = y[: system.tree.nq], y[system.tree.nq :]
     tau = system.control(t, *system.split(y))
     return evaluate_prepared(_state_rates, system.tree, system.prepared, q, u, tau)
@@ -43,4 +44,4 @@ def rates(t: jax.Array, y: jax.Array, system: System) -> jax.Array:
 def _state_rates(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, tau: jax.Array) -> jax.Array:
     u_dot = _forward_dynamics(tree, prepared, q, u, tau)
     q_dot = kinematical_rates(tree, q, u, restore=True)
-    return jnp.concatenate(jax.lax.optimization_barrier((q_dot, u_dot)))
+    return jnp.concatenate(barrier((q_dot, u_dot)))

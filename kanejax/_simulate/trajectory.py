@@ -1,17 +1,23 @@
 """What a simulation returns."""
 
 import enum
+from collections.abc import Mapping
 from typing import Any, final
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import ArrayLike, Bool, Float, Int
 
 from kanejax._errors import KanejaxError
+from kanejax._kinematics.coordinate_rates import unit_quaternions
 from kanejax._model.tree import Tree
-from kanejax._simulate.quaternion import unit_quaternions
+
+# Arrays of JAX, or of numpy from `simulate_batch`.
+Array = jax.Array | np.ndarray
 
 
 class Status(enum.IntEnum):
@@ -66,7 +72,7 @@ class Trajectory(eqx.Module):
     status: Int[Array, "*batch"]
     event: Int[Array, "*batch"]
     num_events: Int[Array, "*batch"]
-    stats: dict[str, Int[Array, "*batch"]]
+    stats: Mapping[str, Int[Array, "*batch"]]
     interpolation: Any
     tree: Tree = eqx.field(static=True)
     event_names: tuple[str, ...] = eqx.field(static=True)
@@ -81,7 +87,7 @@ class Trajectory(eqx.Module):
         """Which of the times were reached: a mask for losses over `q` and `u`."""
         return self.ts <= self.t_end[..., None]
 
-    def evaluate(self, t: Float[Array, ""]) -> tuple[Float[Array, " nq"], Float[Array, " nv"]]:
+    def evaluate(self, t: Float[ArrayLike, ""]) -> tuple[Float[Array, " nq"], Float[Array, " nv"]]:
         """Coordinates and speeds at any time up to `t_end`, NaN beyond; vmap for many times or trajectories.
 
         Raises:
@@ -93,7 +99,7 @@ class Trajectory(eqx.Module):
         return unit_quaternions(self.tree, y[: self.tree.nq]), y[self.tree.nq :]
 
 
-def status_of(result: diffrax.RESULTS, finite: Bool[Array, ""]) -> Int[Array, ""]:
+def status_of(result: diffrax.RESULTS, finite: jax.Array) -> jax.Array:
     """The status for diffrax's result, and whether the last state is finite."""
     status = jnp.asarray(int(Status.SOLVER_FAILED), jnp.int32)
     for found, meaning in (
@@ -113,7 +119,7 @@ def raise_unless_ok(trajectory: Trajectory) -> Trajectory:
         SimulationError: it did not; inside `jax.jit`, equinox's runtime error at run time.
     """
     message = "the simulation did not reach its end"
-    if isinstance(trajectory.status, jax.core.Tracer):
+    if isinstance(trajectory.status, Tracer):
         return eqx.error_if(trajectory, ~trajectory.ok, message)
     if not bool(trajectory.ok):
         status = Status(int(trajectory.status))

@@ -19,7 +19,7 @@ from kanejax._dynamics.equations_of_motion import bias_force, forward_dynamics, 
 from kanejax._errors import UnsupportedModelError
 from kanejax._model.model import Model
 from kanejax._model.tree import Tree
-from kanejax._validate.report import QUANTITIES, Precision, Quantity
+from kanejax._validate.report import QUANTITIES, Quantity
 from kanejax._validate.states import States
 
 # Terms of MuJoCo's smooth dynamics that this library does not model.
@@ -32,7 +32,7 @@ _NOT_MODELLED = {
 }
 
 
-def own_terms(model: Model, states: States, dtype: Precision) -> dict[str, np.ndarray]:
+def own_terms(model: Model, states: States, dtype: str) -> dict[str, np.ndarray]:
     """This library's numbers in a data type; float64 needs `jax.enable_x64`."""
     q, u, u_dot, tau = (jnp.asarray(x, dtype) for x in states)
     inputs = {"inverse dynamics": (q, u, u_dot), "forward dynamics": (q, u, tau), "mass matrix": (q,), "bias force": (q, u)}

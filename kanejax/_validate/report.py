@@ -13,8 +13,6 @@ from rich.table import Table
 from rich.text import Text
 
 Quantity = Literal["inverse dynamics", "forward dynamics", "mass matrix", "bias force"]
-Precision = Literal["float64", "float32"]
-Peer = Literal["mujoco", "pinocchio"]
 
 QUANTITIES: tuple[Quantity, ...] = ("inverse dynamics", "forward dynamics", "mass matrix", "bias force")
 
@@ -35,8 +33,8 @@ class ValidationRow:
         condition_number: of the mass matrix in the worst state.
     """
 
-    against: Peer
-    dtype: Precision
+    against: str
+    dtype: str
     quantity: Quantity
     error: float
     median: float
@@ -93,7 +91,7 @@ class ValidationReport:
         """Whether every error is within its tolerance."""
         return all(row.passed for row in self.rows)
 
-    def worst(self, dtype: Precision, quantity: Quantity) -> float:
+    def worst(self, dtype: str, quantity: Quantity) -> float:
         """The greatest error of a quantity among all peers; NaN where it was not compared."""
         return max((row.error for row in self.rows if (row.dtype, row.quantity) == (dtype, quantity)), default=math.nan)
 

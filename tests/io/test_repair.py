@@ -74,9 +74,7 @@ def test_nearest_physical_moments() -> None:
 
 
 def test_broken_inertia_is_refused_with_the_remedy() -> None:
-    expected = (
-        r"body 'link1': principal moments 1, 1, 3 kg m\^2 break .* by 1 kg m\^2.*repair=True.*allow_unphysical=True"
-    )
+    expected = r"body 'link1': principal moments 1, 1, 3 kg m\^2 break .* by 1 kg m\^2.*repair=True.*allow_unphysical=True"
     with pytest.raises(InvalidInertiaError, match=expected):
         compile_source(chain(inertial(2, BROKEN)))
 

@@ -101,11 +101,7 @@ def test_urdf_inertia_from_geometry_is_refused() -> None:
 
 
 def test_urdf_root_called_world_may_have_an_inertial_and_a_floating_joint() -> None:
-    text = (
-        arm()
-        .replace('<link name="base"/>', f'<link name="world">{INERTIAL}</link>')
-        .replace('link="base"', 'link="world"')
-    )
+    text = arm().replace('<link name="base"/>', f'<link name="world">{INERTIAL}</link>').replace('link="base"', 'link="world"')
     model = compile_source(text.replace('type="revolute"', 'type="floating"')).mj_model
     assert (model.nbody, model.nv) == (2, 6)
     assert model.body_mass[0] == 0
@@ -188,9 +184,7 @@ def test_mjcf_file_with_include_and_missing_meshes(tmp_path: pathlib.Path) -> No
     assets += '<material name="m" texture="t"/><hfield name="h" file="h.png" size="1 1 1 1"/></asset>'
     hull = '<geom name="hull" type="mesh" mesh="hull" material="m"/>'
     inertial = '<inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>'
-    world = (
-        f'<geom type="hfield" hfield="h"/><body name="arm"><joint/>{inertial}{hull}<geom name="ball" size="1"/></body>'
-    )
+    world = f'<geom type="hfield" hfield="h"/><body name="arm"><joint/>{inertial}{hull}<geom name="ball" size="1"/></body>'
     pair = '<contact><pair geom1="hull" geom2="ball"/></contact>'
     (tmp_path / "assets.xml").write_text(f"<mujoco>{assets}</mujoco>")
     path = tmp_path / "arm.xml"
@@ -200,9 +194,7 @@ def test_mjcf_file_with_include_and_missing_meshes(tmp_path: pathlib.Path) -> No
     assert any("shapes from files are dropped" in sentence and "hull.obj" in sentence for sentence in compiled.ignored)
 
     path.write_text(mjcf(world.replace(inertial, ""), '<include file="assets.xml"/>', pair))
-    with pytest.raises(
-        ModelFileError, match=r"body 'arm' takes its inertia from mesh file '.*hull\.obj', which cannot be read"
-    ):
+    with pytest.raises(ModelFileError, match=r"body 'arm' takes its inertia from mesh file '.*hull\.obj', which cannot be read"):
         compile_source(path)
 
     path.write_text(mjcf(world, '<include file="nowhere.xml"/>'))
@@ -257,11 +249,7 @@ def test_unknown_name_error() -> None:
 def robot_files() -> list[pathlib.Path]:
     """Return the URDFs of example-robot-data, if it is installed."""
     specification = importlib.util.find_spec("cmeel")
-    folders = (
-        [pathlib.Path(path).parent for path in (specification.submodule_search_locations or [])]
-        if specification
-        else []
-    )
+    folders = [pathlib.Path(path).parent for path in (specification.submodule_search_locations or [])] if specification else []
     return sorted(file for folder in folders for file in folder.glob("cmeel.prefix/share/example-robot-data/**/*.urdf"))
 
 

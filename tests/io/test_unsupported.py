@@ -71,9 +71,7 @@ def test_modelled_features_are_not_mentioned() -> None:
         '<geom size="0.1" contype="0" conaffinity="0"/></body>'
         for kind in ("hinge", "slide")
     )
-    joints += (
-        '<body><joint type="ball" stiffness="1" damping="1"/><geom size="0.1" contype="0" conaffinity="0"/></body>'
-    )
+    joints += '<body><joint type="ball" stiffness="1" damping="1"/><geom size="0.1" contype="0" conaffinity="0"/></body>'
     joints += '<body><freejoint/><geom size="0.1" contype="0" conaffinity="0"/></body>'
     compiled = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{joints}</worldbody></mujoco>")
     assert refused_features(compiled) == []

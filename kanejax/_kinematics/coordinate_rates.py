@@ -40,6 +40,29 @@ def coordinate_rates(model: Model, q: Coordinates, u: Speeds) -> Coordinates:
     return evaluate(_coordinate_rates, model, q, u)
 
 
+def tangent_gradient(model: Model, q: Coordinates, gradient: Coordinates) -> Speeds:
+    """Gradient with respect to infinitesimal motions, from the one with respect to coordinates.
+
+    `jax.grad` with respect to q gives one number a coordinate, of which a quaternion has one more than there are directions to
+    move in. Here: the derivative along each generalized speed, which is what descent and Newton's method on the
+    configuration need. It is the transpose of `coordinate_rates` applied to `gradient`.
+
+    Args:
+        model: the mechanism.
+        q: generalized coordinates.
+        gradient: with respect to q, such as `jax.grad` returns.
+
+    Returns:
+        The derivative for each generalized speed, (nv,).
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
+    check_state(model, q=q)
+    _, pull_back = jax.vjp(lambda u: coordinate_rates(model, q, u), jnp.zeros(model.nv, q.dtype))
+    return pull_back(gradient)[0]
+
+
 def kinematical_rates(tree: Tree, q: jax.Array, u: jax.Array, restore: bool = False) -> jax.Array:
     """Rates of the coordinates (nq, *batch); with `restore`, quaternions are led back to length one."""
     if tree.nq == tree.nv:

@@ -1,0 +1,90 @@
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import kanejax as kj
+from kanejax._simulate import batch
+
+TS = np.linspace(0, 0.4, 3)
+
+
+def states(count, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-1, 1, (count, 2)), rng.uniform(-1, 1, (count, 2))
+
+
+def test_pieces_agree_with_vmap_and_failures_stay_alone(pendulum, capsys):
+    q0, u0 = states(7)
+    u0[3] = np.nan
+    found = kj.simulate_batch(pendulum, q0, u0, TS, batch_size=3, dt0=0.02, progress=True)
+    expected = jax.vmap(lambda q, u: kj.simulate(pendulum, q, u, TS, dt0=0.02))(jnp.asarray(q0), jnp.asarray(u0))
+    assert isinstance(found.q, np.ndarray)
+    np.testing.assert_allclose(found.q, expected.q, atol=1e-12)
+    np.testing.assert_array_equal(found.ok, np.arange(7) != 3)
+    assert found.status[3] == kj.Status.NON_FINITE
+    assert "7/7" in capsys.readouterr().out
+
+
+def test_leaves_and_controls_can_be_batched(pendulum):
+    q0, u0 = states(5)
+    mass = pendulum.mass[None] * jnp.linspace(0.8, 1.2, 5)[:, None]
+    values = jnp.asarray(np.random.default_rng(1).normal(size=(5, 2, 2)))
+    leaves = eqx.tree_at(lambda m: m.mass, pendulum, mass)
+    control = (lambda t, q, u, tau: tau[0] + t * tau[1], values)
+    found = kj.simulate_batch(leaves, q0, u0, TS, control=control, control_axis=0, batch_size=2, dt0=0.02)
+    for i in (0, 4):
+        model = type(pendulum)(**{**vars(pendulum), "mass": mass[i]})
+        alone = kj.simulate(model, q0[i], u0[i], TS, control=(control[0], values[i]), dt0=0.02)
+        np.testing.assert_allclose(found.q[i], alone.q, atol=1e-12)
+    with pytest.raises(ValueError, match=r"model.mass has shape \(3, 2\), but this batch needs \(2,\) or \(5, 2\)"):
+        kj.simulate_batch(eqx.tree_at(lambda m: m.mass, pendulum, mass[:3]), q0, u0, TS)
+
+
+def test_an_interrupted_batch_is_resumed(pendulum, monkeypatch):
+    q0, u0 = states(5)
+    run, calls = batch._run, []
+
+    def interrupted(*args):
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return run(*args)
+
+    monkeypatch.setattr(batch, "_run", interrupted)
+    with pytest.raises(kj.SimulationInterrupted, match="1 of 5 trajectories were not run") as caught:
+        kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, dt0=0.02)
+    partial = caught.value.trajectory
+    assert list(partial.status) == [0, 0, 0, 0, kj.Status.NOT_RUN]
+    assert np.isnan(partial.q[4]).all()
+    whole = kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, dt0=0.02, resume=partial)
+    assert len(calls) == 4
+    assert whole.ok.all()
+    np.testing.assert_array_equal(whole.q[:4], partial.q[:4])
+
+
+def test_one_compilation_serves_every_piece(pendulum):
+    q0, u0 = states(4)
+    traced = []
+
+    def control(t, q, u):
+        traced.append(1)
+        return -u
+
+    kj.simulate_batch(pendulum, q0, u0, TS, control=control, batch_size=2, dt0=0.02)
+    count = len(traced)
+    kj.simulate_batch(pendulum, q0[:3], u0[:3], TS, control=control, batch_size=2, dt0=0.02)
+    assert len(traced) == count
+
+
+def test_bad_batches_are_refused(pendulum):
+    q0, u0 = states(3)
+    with pytest.raises(ValueError, match=r"q0 has shape \(3, 1\), but this model needs \(batch, 2\)"):
+        kj.simulate_batch(pendulum, q0[:, :1], u0, TS)
+    with pytest.raises(ValueError, match="q0 has 3 rows, but u0 has 2"):
+        kj.simulate_batch(pendulum, q0, u0[:2], TS)
+    with pytest.raises(ValueError, match="batch_size is 0"):
+        kj.simulate_batch(pendulum, q0, u0, TS, batch_size=0)
+    with pytest.raises(ValueError, match="does not take throw"):
+        kj.simulate_batch(pendulum, q0, u0, TS, throw=True)
