@@ -14,15 +14,13 @@ import numpy as np
 from jax import lax
 
 from kanejax._model.joints import AbstractJoint
-from kanejax._model.links import LinkParameters
+from kanejax._model.links import LinkParameters, Rows
 from kanejax._model.plan import NONE, Segment, segments
 from kanejax._model.tree import COORDINATES, SPEEDS, WORLD, Tree
 from kanejax._scalar import add, barrier, is_known
 from kanejax._types import Matrix, Scalar, Symmetric, Vector
 
 PyTree = Any
-# Arrays with one row a link; constants of a specialized model are NumPy arrays.
-Rows = jax.Array | np.ndarray
 Step = Callable[[type[AbstractJoint], PyTree, PyTree], tuple[PyTree, PyTree]]
 
 
@@ -114,7 +112,7 @@ def join_speeds(tree: Tree, parts: list[tuple[Scalar, ...]], like: jax.Array) ->
             rows.append(as_rows(component, len(segment.links), like))
             order += [tree.v_start[link] + offset for link in segment.links]
     joined = rows[0] if len(rows) == 1 else jnp.concatenate(barrier(rows))
-    return _take(joined, np.argsort(order))
+    return jnp.asarray(_take(joined, np.argsort(order)))
 
 
 def as_rows(component: Scalar, length: int, like: jax.Array) -> jax.Array:

@@ -22,6 +22,10 @@ def compiled(function, model, states: int = 3):
     return jax.jit(jax.vmap(function, (None,) + (0,) * states)).lower(model, *state).compile()
 
 
+def text_of(function, model) -> str:
+    return compiled(function, model).as_text() or ""
+
+
 def computations(text: str) -> dict[str, list[str]]:
     """Lines of each computation of an HLO module, by name."""
     found: dict[str, list[str]] = {}
@@ -44,7 +48,7 @@ def arithmetic(lines: list[str]) -> int:
 
 @pytest.mark.parametrize("function", [kj.inverse_dynamics, kj.forward_dynamics])
 def test_one_program_whatever_the_number_of_bodies(function):
-    short, long = (compiled(function, chain(bodies)).as_text() for bodies in (4, 9))
+    short, long = (text_of(function, chain(bodies)) for bodies in (4, 9))
     assert short.count(" while(") == long.count(" while(") >= 2
     assert arithmetic(short.splitlines()) == pytest.approx(arithmetic(long.splitlines()), rel=0.02)
 
@@ -52,13 +56,13 @@ def test_one_program_whatever_the_number_of_bodies(function):
 @pytest.mark.parametrize("function", [kj.inverse_dynamics, kj.forward_dynamics])
 def test_a_branching_tree_is_no_more_loops_than_a_chain(function):
     tree = kj.from_mujoco(mujoco.MjModel.from_xml_string(random_tree(2, 9, ("hinge",))))
-    assert compiled(function, tree).as_text().count(" while(") == compiled(function, chain(9)).as_text().count(" while(")
+    assert text_of(function, tree).count(" while(") == text_of(function, chain(9)).count(" while(")
 
 
 @pytest.mark.parametrize("function", [kj.inverse_dynamics, kj.forward_dynamics])
 def test_the_unrolled_program_has_work_linear_in_the_bodies(function):
     """Without barriers XLA copies producers into consumers, and the work grows exponentially."""
-    work = [compiled(function, kj.specialize(chain(bodies))).cost_analysis()["flops"] for bodies in (3, 5, 7)]
+    work = [dict(compiled(function, kj.specialize(chain(bodies))).cost_analysis() or {})["flops"] for bodies in (3, 5, 7)]
     assert work[2] - work[1] == pytest.approx(work[1] - work[0], rel=0.15)
 
 
@@ -66,7 +70,7 @@ def test_the_unrolled_program_has_work_linear_in_the_bodies(function):
 def test_nothing_is_computed_inside_a_concatenation(specialized):
     """XLA evaluates what is fused into a concatenation once for every row of it."""
     model = chain(4)
-    text = compiled(kj.inverse_dynamics, kj.specialize(model) if specialized else model).as_text()
+    text = text_of(kj.inverse_dynamics, kj.specialize(model) if specialized else model)
     blocks = [lines for lines in computations(text).values() if any(" concatenate(" in line for line in lines)]
     for lines in blocks:
         if not any("while(" in line or " fusion(" in line for line in lines):

@@ -127,7 +127,7 @@ def _project(
     """Add what the links further out need, project on the joint's axes, and hand the rest to the parent."""
     links, features, own = link
     force, moment = plus(own[0], outer[0]), plus(own[1], outer[1])
-    rotation, position = joint.place(*links.placement, features)
+    rotation, position = joint.place(links.placement.rotation, links.placement.position, features)
     needed = tuple(add(dot(linear, force), dot(angular, moment)) for angular, linear in joint.link_axes(rotation, features))
     force = apply(rotation, force)
     return (force, plus(apply(rotation, moment), cross(position, force))), needed

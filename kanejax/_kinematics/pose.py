@@ -54,5 +54,5 @@ def poses(model: Model, q: Coordinates) -> Poses:
 
 def _link_frames(tree: Tree, prepared: Prepared, q: jax.Array) -> tuple[jax.Array, jax.Array]:
     frames = world_frames(tree, prepared.links, displacement(tree, prepared, q))
-    rotation, position = barrier(tuple(frames))
+    rotation, position = barrier((frames.rotation, frames.position))
     return jnp.stack([jnp.stack(row, 1) for row in rotation], 1), jnp.stack(position, 1)

@@ -17,6 +17,8 @@ from kanejax._model.tree import WORLD, Tree
 
 # Poses are arrays (n, 3, 4): a rotation to the outer frame's components, and the position of the origin in it.
 Poses34 = Float[Array, "_ 3 4"]
+# Arrays with one row a link; those of a specialized model are NumPy's, and constants.
+Rows = jax.Array | np.ndarray
 
 
 class LinkParameters(NamedTuple):
@@ -30,11 +32,11 @@ class LinkParameters(NamedTuple):
         inertia: about the link's origin: xx, yy, zz, xy, xz, yz, (nlink, 6).
     """
 
-    rotation: jax.Array
-    position: jax.Array
-    mass: jax.Array
-    first_moment: jax.Array
-    inertia: jax.Array
+    rotation: Rows
+    position: Rows
+    mass: Rows
+    first_moment: Rows
+    inertia: Rows
 
 
 def link_parameters(model: Model) -> LinkParameters:
