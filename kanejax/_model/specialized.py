@@ -3,6 +3,7 @@
 from typing import final
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
@@ -50,7 +51,7 @@ class Specialized:
         """
         links, gravity, *rest = self._prepared
         trailing = (1,) * (like.ndim - 1)
-        columns = (np.asarray(x, like.dtype).reshape(x.shape + trailing) for x in rest)
+        columns = (jnp.asarray(x, like.dtype).reshape(x.shape + trailing) for x in rest)
         return Prepared(links, tuple(float(g) for g in gravity), *columns)  # type: ignore[arg-type]
 
 
