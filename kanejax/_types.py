@@ -17,3 +17,4 @@ Scalar = Any
 Vector = tuple[Scalar, Scalar, Scalar]
 Matrix = tuple[Vector, Vector, Vector]
 Symmetric = tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]
+Quaternion = tuple[Scalar, Scalar, Scalar, Scalar]

@@ -13,12 +13,12 @@ from tests.helpers.mechanisms import random_tree
 BATCH = 32
 
 
-def chain(bodies: int) -> kj.Model:
-    return kj.from_mujoco(mujoco.MjModel.from_xml_string(random_tree(0, bodies, ("hinge",), chain=True)))
+def chain(bodies: int, kind: str = "hinge") -> kj.Model:
+    return kj.from_mujoco(mujoco.MjModel.from_xml_string(random_tree(0, bodies, (kind,), chain=True)))
 
 
 def compiled(function, model, states: int = 3):
-    state = [jnp.zeros((BATCH, model.nv))] * states
+    state = [jnp.zeros((BATCH, model.nq)), *[jnp.zeros((BATCH, model.nv))] * (states - 1)]
     return jax.jit(jax.vmap(function, (None,) + (0,) * states)).lower(model, *state).compile()
 
 
@@ -46,9 +46,10 @@ def arithmetic(lines: list[str]) -> int:
     return sum(bool(re.search(r" (multiply|add|subtract|divide|sqrt|sine|cosine)\(", line)) for line in lines)
 
 
+@pytest.mark.parametrize("kind", ["hinge", "ball"])
 @pytest.mark.parametrize("function", [kj.inverse_dynamics, kj.forward_dynamics])
-def test_one_program_whatever_the_number_of_bodies(function):
-    short, long = (text_of(function, chain(bodies)) for bodies in (4, 9))
+def test_one_program_whatever_the_number_of_bodies(function, kind):
+    short, long = (text_of(function, chain(bodies, kind)) for bodies in (4, 9))
     assert short.count(" while(") == long.count(" while(") >= 2
     assert arithmetic(short.splitlines()) == pytest.approx(arithmetic(long.splitlines()), rel=0.02)
 

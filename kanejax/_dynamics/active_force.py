@@ -1,11 +1,14 @@
 """Generalized active forces of springs, dampers and friction, and the rotation vectors that springs need."""
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from kanejax._model.prepared import Prepared
-from kanejax._model.tree import COORDINATES, Tree
-from kanejax._scalar import barrier
+from kanejax._model.tree import Tree
+from kanejax._recursion.rows import in_order, take
 
 
 def passive_force(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array) -> jax.Array:
@@ -20,25 +23,16 @@ def passive_force(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array) ->
 
 def spring_force(tree: Tree, prepared: Prepared, q: jax.Array) -> jax.Array:
     """Stiffness times displacement, as MuJoCo defines it for each joint type; opposes the displacement, (nv, *batch)."""
-    stiffness, reference = prepared.stiffness, prepared.spring_reference
-    if all(COORDINATES[kind] == 1 for kind in tree.joint_types):
-        return stiffness * (q - reference)
-    rows = []
-    for joint, (kind, start) in enumerate(zip(tree.joint_types, tree.q_start, strict=True)):
-        k = stiffness[joint]
-        if kind in ("revolute", "prismatic"):
-            rows.append(k * (q[start] - reference[start]))
-            continue
-        if kind == "free":
-            rows += [k * (q[start + i] - reference[start + i]) for i in range(3)]
-            start += 3
-        turn = rotation_between([reference[start + i] for i in range(4)], [q[start + i] for i in range(4)])
-        rows += [k * x for x in turn]
-    batch = jnp.broadcast_shapes(q.shape[1:], *(row.shape for row in rows))
-    return jnp.stack(barrier([jnp.broadcast_to(row, batch) for row in rows]))
+    reference = prepared.spring_reference
+    (plain_v, plain_q), (turning_v, turning_q) = tree.plain_speeds, tree.turning_speeds
+    away = [take(q, plain_q) - take(reference, plain_q)]
+    if len(turning_v):
+        away += rotation_between([reference[turning_q + i] for i in range(4)], [q[turning_q + i] for i in range(4)])
+    speeds = np.concatenate((plain_v, turning_v, turning_v + 1, turning_v + 2))
+    return take(prepared.stiffness, tree.speed_joints) * in_order(away, speeds)
 
 
-def rotation_between(a: list[jax.Array], b: list[jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:
+def rotation_between(a: Sequence[jax.Array], b: Sequence[jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Rotation vector from quaternion a to quaternion b, in the axes of b; smooth at zero."""
     w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     x = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]

@@ -12,10 +12,11 @@ import jax
 
 from kanejax._dynamics.inertia_force import minus_gravity
 from kanejax._kinematics.position import place_link
-from kanejax._model.joints import AbstractJoint, Axis
 from kanejax._model.links import LinkParameters
 from kanejax._model.tree import Tree
-from kanejax._recursion import Link, base_to_tip, join_speeds, joint_features, split_parameters, split_speeds, tip_to_base
+from kanejax._recursion.joints import Axis, Joint
+from kanejax._recursion.rows import Link, ball_coupling, join_speeds, joint_features, split_parameters, split_speeds
+from kanejax._recursion.sweeps import base_to_tip, tip_to_base
 from kanejax._scalar import (
     IDENTITY,
     SYMMETRIC_ZERO,
@@ -102,39 +103,38 @@ def forward_dynamics(
     q: jax.Array,
     u: jax.Array,
     tau: jax.Array,
-    unroll: int = 1,
 ) -> jax.Array:
     """u_dot (nv, *batch) from forces tau applied at the joints, all of (nv, *batch)."""
     if not tree.njoint:
         return tau
     root = Motion(IDENTITY, ZERO, ZERO, minus_gravity(gravity, q))
     parts = zip(split_parameters(tree, links), joint_features(tree, q), split_speeds(tree, u), strict=True)
-    moving = base_to_tip(tree, _move, root, list(parts), q, unroll)
-    inputs = [
-        (*rows, rotor, force)
-        for rows, rotor, force in zip(moving, split_speeds(tree, armature), split_speeds(tree, tau), strict=True)
-    ]
-    eliminated = tip_to_base(tree, _eliminate_link, (NO_INERTIA, NO_WRENCH), inputs, q, unroll)
+    moving = base_to_tip(tree, _move, root, list(parts), q)
+    coupling = ball_coupling(tree, u)
+    # Rotors have the rates of the joints, not those of their steps.
+    forces = split_speeds(tree, sub(tau, mul(armature, coupling)))
+    inputs = [(*rows, rotor, force) for rows, rotor, force in zip(moving, split_speeds(tree, armature), forces, strict=True)]
+    eliminated = tip_to_base(tree, _eliminate_link, (NO_INERTIA, NO_WRENCH), inputs, q)
     factor = Factor([link.offset for link, _ in moving], [pivots for pivots, _ in eliminated])
-    return _substitute(tree, factor, [left for _, left in eliminated], q, unroll)
+    return add(_substitute(tree, factor, [left for _, left in eliminated], q), coupling)
 
 
-def factorize(tree: Tree, links: LinkParameters, armature: jax.Array, q: jax.Array, unroll: int = 1) -> Factor:
+def factorize(tree: Tree, links: LinkParameters, armature: jax.Array, q: jax.Array) -> Factor:
     """Factor F(q) for `solve`; armature (nv, *batch), q (nq, *batch)."""
     parts = list(zip(split_parameters(tree, links), joint_features(tree, q), strict=True))
-    still = base_to_tip(tree, _stand, IDENTITY, parts, q, unroll)
+    still = base_to_tip(tree, _stand, IDENTITY, parts, q)
     inputs = list(zip(still, split_speeds(tree, armature), strict=True))
-    return Factor([link.offset for link in still], tip_to_base(tree, _factor_link, NO_INERTIA, inputs, q, unroll))
+    return Factor([link.offset for link in still], tip_to_base(tree, _factor_link, NO_INERTIA, inputs, q))
 
 
-def solve(tree: Tree, factor: Factor, force: jax.Array, unroll: int = 1) -> jax.Array:
+def solve(tree: Tree, factor: Factor, force: jax.Array) -> jax.Array:
     """F^-1 force, linear in the force (nv, *batch)."""
     inputs = list(zip(factor.offsets, factor.pivots, split_speeds(tree, force), strict=True))
-    left = tip_to_base(tree, _reduce_link, NO_WRENCH, inputs, force, unroll)
-    return _substitute(tree, factor, left, force, unroll)
+    left = tip_to_base(tree, _reduce_link, NO_WRENCH, inputs, force)
+    return _substitute(tree, factor, left, force)
 
 
-def _stand(joint: type[AbstractJoint], parent: Matrix, link: tuple[Link, tuple]) -> tuple[Matrix, WorldLink]:
+def _stand(joint: Joint, parent: Matrix, link: tuple[Link, tuple]) -> tuple[Matrix, WorldLink]:
     """A link in world axes, at rest."""
     links, features = link
     placed = place_link(joint, parent, links, features)
@@ -142,7 +142,7 @@ def _stand(joint: type[AbstractJoint], parent: Matrix, link: tuple[Link, tuple])
     return placed.rotation, WorldLink(placed.offset, placed.axes, links.mass, h, inertia)
 
 
-def _move(joint: type[AbstractJoint], parent: Motion, link: tuple[Link, tuple, tuple]) -> tuple[Motion, tuple[WorldLink, Wrench]]:
+def _move(joint: Joint, parent: Motion, link: tuple[Link, tuple, tuple]) -> tuple[Motion, tuple[WorldLink, Wrench]]:
     """Motion of a link at zero u_dot, and the wrench about its origin that this motion and gravity take."""
     links, features, speeds = link
     placed = place_link(joint, parent.rotation, links, features)
@@ -162,7 +162,7 @@ def _move(joint: type[AbstractJoint], parent: Motion, link: tuple[Link, tuple, t
     return Motion(placed.rotation, w, alpha, a), (still, Wrench(moment, force))
 
 
-def _eliminate_link(joint: type[AbstractJoint], outer: tuple[Inertia, Wrench], link: tuple) -> tuple:
+def _eliminate_link(joint: Joint, outer: tuple[Inertia, Wrench], link: tuple) -> tuple:
     """Eliminate a link's speeds from inertia and forces at once."""
     body, bias, armature, tau = link
     inertia = _add_link(outer[0], body)
@@ -176,7 +176,7 @@ def _eliminate_link(joint: type[AbstractJoint], outer: tuple[Inertia, Wrench], l
     return (barrier(_shift(inertia, body.offset)), barrier(_shift_wrench(wrench, body.offset))), (tuple(pivots), tuple(left))
 
 
-def _factor_link(joint: type[AbstractJoint], outer: Inertia, link: tuple) -> tuple[Inertia, tuple[Pivot, ...]]:
+def _factor_link(joint: Joint, outer: Inertia, link: tuple) -> tuple[Inertia, tuple[Pivot, ...]]:
     """Eliminate a link's speeds from the inertia."""
     body, armature = link
     inertia = _add_link(outer, body)
@@ -187,7 +187,7 @@ def _factor_link(joint: type[AbstractJoint], outer: Inertia, link: tuple) -> tup
     return barrier(_shift(inertia, body.offset)), tuple(pivots)
 
 
-def _reduce_link(joint: type[AbstractJoint], wrench: Wrench, link: tuple) -> tuple[Wrench, tuple[Scalar, ...]]:
+def _reduce_link(joint: Joint, wrench: Wrench, link: tuple) -> tuple[Wrench, tuple[Scalar, ...]]:
     """Eliminate a link's speeds from the forces."""
     offset, pivots, forces = link
     left = []
@@ -212,13 +212,13 @@ def _reduce(wrench: Wrench, pivot: Pivot, force: Scalar) -> tuple[Wrench, Scalar
     return barrier(Wrench(moment, plus(wrench.force, scale(left, pivot.reaction.force)))), mul(pivot.inverse, left)
 
 
-def _substitute(tree: Tree, factor: Factor, left: list, like: jax.Array, unroll: int) -> jax.Array:
+def _substitute(tree: Tree, factor: Factor, left: list, like: jax.Array) -> jax.Array:
     """Substitute back base to tip: u_dot, which each speed owes to its own force and to the acceleration of its parent."""
     inputs = list(zip(factor.offsets, factor.pivots, left, strict=True))
-    return join_speeds(tree, base_to_tip(tree, _substitute_link, (ZERO, ZERO), inputs, like, unroll), like)
+    return join_speeds(tree, base_to_tip(tree, _substitute_link, (ZERO, ZERO), inputs, like), like)
 
 
-def _substitute_link(joint: type[AbstractJoint], parent: tuple[Vector, Vector], link: tuple) -> tuple:
+def _substitute_link(joint: Joint, parent: tuple[Vector, Vector], link: tuple) -> tuple:
     offset, pivots, left = link
     alpha, a = parent
     a = plus(a, cross(alpha, offset))

@@ -14,7 +14,7 @@ from kanejax._kinematics.partial_velocity import partial_velocities
 from kanejax._kinematics.pose import poses
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, displacement
-from kanejax._model.tree import COORDINATES, Tree
+from kanejax._model.tree import Tree
 from kanejax._types import Coordinates, Speeds
 
 
@@ -42,16 +42,12 @@ def potential_energy(model: Model, q: Coordinates) -> Float[Array, ""]:
 def spring_energy(model: Model, q: Coordinates) -> Float[Array, ""]:
     """Energy [J] stored in the joints' springs: stiffness times the squared displacement, halved."""
     check_state(model, q=q)
-    reference, squared = model.spring_reference, []
-    for kind, start in zip(model.tree.joint_types, model.tree.q_start, strict=True):
-        turn_start = start + COORDINATES[kind] - 4
-        slides = 1 if kind in ("revolute", "prismatic") else 3 if kind == "free" else 0
-        total = sum((q[start + i] - reference[start + i]) ** 2 for i in range(slides))
-        if kind in ("ball", "free"):
-            turn = rotation_between([reference[turn_start + i] for i in range(4)], [q[turn_start + i] for i in range(4)])
-            total = total + sum(x * x for x in turn)
-        squared.append(total)
-    return 0.5 * jnp.dot(model.stiffness, jnp.stack(squared), precision="highest")
+    tree, reference = model.tree, model.spring_reference
+    (plain_v, plain_q), (turning_v, turning_q) = tree.plain_speeds, tree.turning_speeds
+    along = model.stiffness[tree.speed_joints[plain_v]] * (q[plain_q] - reference[plain_q]) ** 2
+    turn = rotation_between([reference[turning_q + i] for i in range(4)], [q[turning_q + i] for i in range(4)])
+    about = model.stiffness[tree.speed_joints[turning_v]] * sum(x * x for x in turn)
+    return 0.5 * (jnp.sum(along) + jnp.sum(about))
 
 
 def momentum(model: Model, q: Coordinates, u: Speeds, point: Float[Array, "3"] | None = None) -> Momentum:

@@ -18,7 +18,7 @@ from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, displacement
 from kanejax._model.specialized import Specialized
 from kanejax._model.tree import Tree
-from kanejax._recursion import is_frozen
+from kanejax._recursion.rows import is_frozen
 from kanejax._types import Coordinates, Forces, Speeds
 
 

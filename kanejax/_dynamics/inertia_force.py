@@ -9,18 +9,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from kanejax._model.joints import AbstractJoint
 from kanejax._model.links import LinkParameters
 from kanejax._model.tree import Tree
-from kanejax._recursion import (
-    Link,
-    base_to_tip,
-    join_speeds,
-    joint_features,
-    split_parameters,
-    split_speeds,
-    tip_to_base,
-)
+from kanejax._recursion.joints import Joint
+from kanejax._recursion.rows import Link, ball_coupling, join_speeds, joint_features, split_parameters, split_speeds
+from kanejax._recursion.sweeps import base_to_tip, tip_to_base
 from kanejax._scalar import (
     ZERO,
     add,
@@ -62,7 +55,6 @@ def inertia_force(
     q: jax.Array,
     u: jax.Array,
     u_dot: jax.Array,
-    unroll: int = 1,
 ) -> jax.Array:
     """Minus the generalized inertia and gravity forces, (nv, *batch): M(q) u_dot + bias(q, u), without armature.
 
@@ -72,11 +64,12 @@ def inertia_force(
         return u
     features = joint_features(tree, q)
     parts = split_parameters(tree, links)
-    inputs = [LinkInputs(*rows) for rows in zip(parts, features, split_speeds(tree, u), split_speeds(tree, u_dot), strict=True)]
+    rates = split_speeds(tree, sub(u_dot, ball_coupling(tree, u)))
+    inputs = [LinkInputs(*rows) for rows in zip(parts, features, split_speeds(tree, u), rates, strict=True)]
     root = Motion(ZERO, ZERO, minus_gravity(gravity, q))
-    wrenches = base_to_tip(tree, _link_wrench, root, inputs, q, unroll)
+    wrenches = base_to_tip(tree, _link_wrench, root, inputs, q)
     outward = list(zip(parts, features, wrenches, strict=True))
-    return join_speeds(tree, tip_to_base(tree, _project, (ZERO, ZERO), outward, q, unroll), q)
+    return join_speeds(tree, tip_to_base(tree, _project, (ZERO, ZERO), outward, q), q)
 
 
 def minus_gravity(gravity: jax.Array | tuple[float, ...], like: jax.Array) -> Vector:
@@ -85,14 +78,14 @@ def minus_gravity(gravity: jax.Array | tuple[float, ...], like: jax.Array) -> Ve
     return tuple(-g if is_known(g) else jnp.broadcast_to(-g, like.shape[1:]) for g in parts)  # type: ignore[return-value]
 
 
-def _link_wrench(joint: type[AbstractJoint], parent: Motion, link: LinkInputs) -> tuple[Motion, tuple[Vector, Vector]]:
+def _link_wrench(joint: Joint, parent: Motion, link: LinkInputs) -> tuple[Motion, tuple[Vector, Vector]]:
     """Motion of a link from its parent's, and the force and moment about its origin that this motion takes."""
     rotation, position = joint.place(*link.links.placement, link.features)
     w, alpha, a = parent
     # Acceleration of the joint, Nie (3.35) in classical form, and everything resolved in the link's axes (3.7).
     a = plus(a, cross(alpha, position), cross(w, cross(w, position)))
     w, alpha, a = (apply_transposed(rotation, x) for x in (w, alpha, a))
-    axes = joint.link_axes(rotation, link.features)
+    axes = joint.link_axes(rotation)
     spin = plus(*(scale(speed, angular) for (angular, _), speed in zip(axes, link.speeds, strict=True)))
     slide = plus(*(scale(speed, linear) for (_, linear), speed in zip(axes, link.speeds, strict=True)))
     alpha = plus(alpha, cross(w, spin), *(scale(rate, angular) for (angular, _), rate in zip(axes, link.rates, strict=True)))
@@ -121,13 +114,11 @@ def _wrench(links: Link, motion: Motion) -> tuple[Vector, Vector]:
     return force, plus(spin, cross(h, a))
 
 
-def _project(
-    joint: type[AbstractJoint], outer: tuple[Vector, Vector], link: tuple
-) -> tuple[tuple[Vector, Vector], tuple[Scalar, ...]]:
+def _project(joint: Joint, outer: tuple[Vector, Vector], link: tuple) -> tuple[tuple[Vector, Vector], tuple[Scalar, ...]]:
     """Add what the links further out need, project on the joint's axes, and hand the rest to the parent."""
     links, features, own = link
     force, moment = plus(own[0], outer[0]), plus(own[1], outer[1])
     rotation, position = joint.place(links.placement.rotation, links.placement.position, features)
-    needed = tuple(add(dot(linear, force), dot(angular, moment)) for angular, linear in joint.link_axes(rotation, features))
+    needed = tuple(add(dot(linear, force), dot(angular, moment)) for angular, linear in joint.link_axes(rotation))
     force = apply(rotation, force)
     return (force, plus(apply(rotation, moment), cross(position, force))), needed

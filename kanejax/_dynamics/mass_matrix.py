@@ -12,10 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from kanejax._kinematics.position import WORLD_FRAMES, place_link
-from kanejax._model.joints import AbstractJoint, Axis
 from kanejax._model.links import LinkParameters
 from kanejax._model.tree import Tree
-from kanejax._recursion import Frames, Link, base_to_tip, join_speeds, joint_features, split_parameters, tip_to_base
+from kanejax._recursion.joints import Axis, Joint
+from kanejax._recursion.rows import Frames, Link, join_speeds, joint_features, split_parameters
+from kanejax._recursion.sweeps import base_to_tip, tip_to_base
 from kanejax._scalar import (
     SYMMETRIC_ZERO,
     ZERO,
@@ -65,7 +66,7 @@ def _at_origin(tree: Tree, q: jax.Array) -> jax.Array:
     return q if keep.all() else jnp.where(keep.reshape((-1,) + (1,) * (q.ndim - 1)), q, 0.0)
 
 
-def _place(joint: type[AbstractJoint], parent: Frames, link: tuple[Link, tuple]) -> tuple[Frames, tuple]:
+def _place(joint: Joint, parent: Frames, link: tuple[Link, tuple]) -> tuple[Frames, tuple]:
     """Axes of motion and inertia of a link about the world's origin."""
     links, features = link
     placed = place_link(joint, parent.rotation, links, features)
@@ -88,9 +89,7 @@ def _about_world(mass: Scalar, h: Vector, inertia: Symmetric, origin: Vector) ->
     return plus(h, scale(mass, origin)), plus(inertia, steiner, mixed)
 
 
-def _momentum(
-    joint: type[AbstractJoint], outer: RigidInertia, link: tuple[tuple[Axis, ...], RigidInertia]
-) -> tuple[RigidInertia, tuple]:
+def _momentum(joint: Joint, outer: RigidInertia, link: tuple[tuple[Axis, ...], RigidInertia]) -> tuple[RigidInertia, tuple]:
     """Angular and linear momentum of everything outside a joint for unit speed along each of its axes."""
     axes, own = link
     mass = add(outer.mass, own.mass)

@@ -8,15 +8,15 @@ length near one. It is zero at length one, and it acts along the quaternion, so 
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from kanejax._evaluate import check_state, evaluate
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared
 from kanejax._model.tree import Tree
-from kanejax._scalar import barrier
-from kanejax._types import Coordinates, Scalar, Speeds
-
-Quaternion = tuple[Scalar, Scalar, Scalar, Scalar]
+from kanejax._recursion.rows import in_order, take
+from kanejax._scalar import plus
+from kanejax._types import Coordinates, Quaternion, Scalar, Speeds
 
 
 def coordinate_rates(model: Model, q: Coordinates, u: Speeds) -> Coordinates:
@@ -67,19 +67,13 @@ def kinematical_rates(tree: Tree, q: jax.Array, u: jax.Array, restore: bool = Fa
     """Rates of the coordinates (nq, *batch); with `restore`, quaternions are led back to length one."""
     if tree.nq == tree.nv:
         return u
-    rows: list[Scalar] = []
-    for kind, start, first in zip(tree.joint_types, tree.q_start, tree.v_start, strict=True):
-        if kind in ("revolute", "prismatic"):
-            rows.append(u[first])
-            continue
-        if kind == "free":
-            rows += [u[first + i] for i in range(3)]
-            start, first = start + 3, first + 3
-        quaternion = (q[start], q[start + 1], q[start + 2], q[start + 3])
-        w = (u[first], u[first + 1], u[first + 2])
-        rate = quaternion_rate(quaternion, w)
-        rows += [r + k for r, k in zip(rate, restoring_rate(quaternion, w), strict=True)] if restore else rate
-    return jnp.stack(barrier(rows))
+    (plain_v, plain_q), (v, start) = tree.plain_speeds, tree.turning_speeds
+    quaternion, w = (q[start], q[start + 1], q[start + 2], q[start + 3]), (u[v], u[v + 1], u[v + 2])
+    rates = quaternion_rate(quaternion, w)
+    if restore:
+        rates = plus(rates, restoring_rate(quaternion, w))
+    rows = [take(u, plain_v), *rates]
+    return in_order(rows, np.concatenate((plain_q, start, start + 1, start + 2, start + 3)))
 
 
 def quaternion_rate(quaternion: Quaternion, w: tuple[Scalar, Scalar, Scalar]) -> Quaternion:
@@ -101,12 +95,10 @@ def restoring_rate(quaternion: Quaternion, w: tuple[Scalar, Scalar, Scalar]) -> 
 
 def unit_quaternions(tree: Tree, q: jax.Array) -> jax.Array:
     """The coordinates (..., nq) with every quaternion divided by its length."""
-    for kind, start in zip(tree.joint_types, tree.q_start, strict=True):
-        if kind in ("free", "ball"):
-            start = start + 3 if kind == "free" else start
-            quaternion = q[..., start : start + 4]
-            length = jnp.sqrt(jnp.sum(quaternion * quaternion, -1, keepdims=True))
-            q = q.at[..., start : start + 4].set(quaternion / length)
+    for start in tree.turning_speeds[1]:
+        quaternion = q[..., start : start + 4]
+        length = jnp.sqrt(jnp.sum(quaternion * quaternion, -1, keepdims=True))
+        q = q.at[..., start : start + 4].set(quaternion / length)
     return q
 
 

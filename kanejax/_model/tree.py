@@ -86,6 +86,23 @@ class Tree:
         return np.repeat(np.arange(self.njoint), [SPEEDS[kind] for kind in self.joint_types]).astype(int)
 
     @functools.cached_property
+    def plain_speeds(self) -> tuple[np.ndarray, np.ndarray]:
+        """The speeds that are the rates of a coordinate, and these coordinates: all but those of quaternions."""
+        counts = {"revolute": 1, "prismatic": 1, "ball": 0, "free": 3}
+        offsets = [(v, q, i) for kind, v, q in self._starts for i in range(counts[kind])]
+        return np.array([v + i for v, _, i in offsets], int), np.array([q + i for _, q, i in offsets], int)
+
+    @functools.cached_property
+    def turning_speeds(self) -> tuple[np.ndarray, np.ndarray]:
+        """The first speed and the first coordinate of each quaternion."""
+        offsets = [(v, q, 3 if kind == "free" else 0) for kind, v, q in self._starts if kind in ("ball", "free")]
+        return np.array([v + i for v, _, i in offsets], int), np.array([q + i for _, q, i in offsets], int)
+
+    @property
+    def _starts(self) -> list[tuple[str, int, int]]:
+        return list(zip(self.joint_types, self.v_start, self.q_start, strict=True))
+
+    @functools.cached_property
     def body_links(self) -> tuple[int, ...]:
         """The link each body is fixed in: the last joint between the world and it, -1 if there is none.
 
