@@ -5,6 +5,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 
 from kanejax import _batching
 from kanejax._model.model import Model
@@ -38,8 +39,16 @@ def evaluate(function: Callable[..., Any], model: Model | Specialized, *state: j
 
 
 def prepare_once(model: Model | Specialized) -> Prepared | Specialized:
-    """What `evaluate_prepared` needs of a model."""
-    return model if isinstance(model, Specialized) else prepare(model)
+    """What `evaluate_prepared` needs of a model; constants, if the leaves are, so that no program computes them again."""
+    if isinstance(model, Specialized):
+        return model
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(model)):
+        return prepare(model)
+    with jax.ensure_compile_time_eval():
+        return _prepare_now(model)
+
+
+_prepare_now = jax.jit(prepare)
 
 
 def evaluate_prepared(function: Callable[..., Any], tree: Tree, prepared: Prepared | Specialized, *state: jax.Array) -> Any:

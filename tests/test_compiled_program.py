@@ -1,5 +1,6 @@
 """What is deterministic about speed: the compiled programs do not grow or duplicate work in ways that were measured to be slow."""
 
+import functools
 import re
 
 import jax
@@ -76,3 +77,15 @@ def test_nothing_is_computed_inside_a_concatenation(specialized):
     for lines in blocks:
         if not any("while(" in line or " fusion(" in line for line in lines):
             assert arithmetic([line for line in lines if f"{BATCH}]" in line]) <= 2
+
+
+@pytest.mark.parametrize("function", [kj.inverse_dynamics, kj.forward_dynamics])
+def test_parameters_that_do_not_change_are_prepared_before_the_program_runs(function):
+    model = chain(5)
+    state = [jnp.zeros(5)] * 3
+    texts = (
+        jax.jit(function).lower(model, *state).compile().as_text() or "",
+        jax.jit(functools.partial(function, model)).lower(*state).compile().as_text() or "",
+    )
+    as_argument, closed_over = (text[text.index("\nENTRY") :].count(" fusion(") for text in texts)
+    assert closed_over <= as_argument / 2

@@ -66,7 +66,10 @@ def segments(tree: Tree) -> tuple[Segment, ...]:
 
 
 class _Walk:
-    """Depth-first walk that gives every link at a branch a slot."""
+    """Depth-first walk that gives every link at a branch a slot.
+
+    Children are taken in the model's order, which is MuJoCo's depth first: rows of arrays then need no gathering.
+    """
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
@@ -86,7 +89,7 @@ class _Walk:
     def segment(self) -> Segment:
         """Walk everything that does not hang on a free joint's link, and everything that does."""
         for slot, carrier in enumerate(self.carriers):
-            for root in sorted(self.children[carrier], key=self.size):
+            for root in self.children[carrier]:
                 self.visit(root, slot if self.links else NONE)
         restore, save, leaves = tuple(self.restore), tuple(self.save), tuple(self.leaves)
         return Segment(False, tuple(self.links), tuple(self.speeds), self.carriers, restore, save, self.slots, leaves)
@@ -96,7 +99,7 @@ class _Walk:
         waiting = [(link, restored)]
         while waiting:
             link, restored = waiting.pop()
-            outer = sorted(self.children[link], key=self.size)
+            outer = self.children[link]
             slot = NONE
             if len(outer) > 1:
                 slot, self.slots = self.slots, self.slots + 1
@@ -113,7 +116,3 @@ class _Walk:
         self.restore += [restored, *between]
         self.save += [*between, saved]
         self.leaves += [*([False] * (count - 1)), leaf]
-
-    def size(self, link: int) -> int:
-        """Number of links in a subtree."""
-        return int(self.tree.link_ancestors[:, link].sum())

@@ -33,11 +33,11 @@ def base_to_tip(tree: Tree, step: RowFunction, root: PyTree, inputs: list[PyTree
     outputs: list[PyTree] = []
     for segment, rows in zip(segments(tree), inputs, strict=True):
         joints = joint_rows(tree, segment)
-        if segment.free or is_frozen(rows):
+        if _unrolled(segment, rows, like):
             outputs.append(_unrolled_outward(tree, segment, step, states, (joints, rows)))
         else:
             before = [_filled(states[carrier], like) for carrier in segment.carriers]
-            outputs.append(_outward(segment, step, before, (_traced(joints, like), rows)))
+            outputs.append(_outward(segment, step, before, _traced((joints, rows), like)))
     return outputs
 
 
@@ -50,13 +50,18 @@ def tip_to_base(tree: Tree, step: RowFunction, zero: PyTree, inputs: list[PyTree
     outputs: list[PyTree] = []
     for segment, rows in reversed(list(zip(segments(tree), inputs, strict=True))):
         joints = joint_rows(tree, segment)
-        if segment.free or is_frozen(rows):
+        if _unrolled(segment, rows, like):
             outputs.append(_unrolled_inward(tree, segment, step, zero, received, (joints, rows)))
         else:
-            sent, output = _inward(segment, step, _filled(zero, like), (_traced(joints, like), rows))
+            sent, output = _inward(segment, step, _filled(zero, like), _traced((joints, rows), like))
             received = dict(zip(segment.carriers, sent, strict=True))
             outputs.append(output)
     return outputs[::-1]
+
+
+def _unrolled(segment: Segment, rows: PyTree, like: jax.Array) -> bool:
+    """Whether to write out every row. Known numbers fold then; one state is faster in a loop."""
+    return segment.free or (is_frozen(rows) and like.ndim > 1)
 
 
 def _filled(state: PyTree, like: jax.Array) -> PyTree:
@@ -70,9 +75,9 @@ def _filled(state: PyTree, like: jax.Array) -> PyTree:
     return jax.tree.map(fill, state)
 
 
-def _traced(joints: PyTree, like: jax.Array) -> PyTree:
+def _traced(rows: PyTree, like: jax.Array) -> PyTree:
     """Numbers that differ from row to row, as inputs of a loop."""
-    return jax.tree.map(lambda x: jnp.asarray(x, like.dtype) if isinstance(x, np.ndarray) else x, joints)
+    return jax.tree.map(lambda x: jnp.asarray(x, like.dtype) if isinstance(x, np.ndarray) else x, rows)
 
 
 def _row(rows: PyTree, i: int) -> PyTree:
