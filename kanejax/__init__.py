@@ -2,6 +2,9 @@
 
 __version__ = "0.1.0"
 
+import importlib as _importlib
+import typing as _typing
+
 from kanejax._dynamics.energy import (
     Momentum as Momentum,
     center_of_mass as center_of_mass,
@@ -38,10 +41,6 @@ from kanejax._errors import (
 )
 from kanejax._io.check import check_model as check_model
 from kanejax._io.dh import DHLink as DHLink, from_dh as from_dh
-from kanejax._io.export import to_mjcf as to_mjcf, to_mujoco as to_mujoco
-from kanejax._io.load import LoadReport as LoadReport, load as load, load_report as load_report
-from kanejax._io.mujoco import from_mujoco as from_mujoco
-from kanejax._io.urdf_inertials import to_urdf_inertials as to_urdf_inertials
 from kanejax._kinematics.coordinate_rates import (
     coordinate_rates as coordinate_rates,
     tangent_gradient as tangent_gradient,
@@ -55,18 +54,50 @@ from kanejax._kinematics.pose import Poses as Poses, poses as poses
 from kanejax._model.model import Model as Model
 from kanejax._model.specialized import Specialized as Specialized, specialize as specialize
 from kanejax._model.tree import Tree as Tree
-from kanejax._simulate.batch import SimulationInterrupted as SimulationInterrupted, simulate_batch as simulate_batch
-from kanejax._simulate.beta_scheme import BetaScheme as BetaScheme
-from kanejax._simulate.control import TorqueTable as TorqueTable
-from kanejax._simulate.events import JointLimitBounce as JointLimitBounce, StateEvent as StateEvent
-from kanejax._simulate.simulate import simulate as simulate
-from kanejax._simulate.trajectory import (
-    SimulationError as SimulationError,
-    Status as Status,
-    Trajectory as Trajectory,
-)
-from kanejax.validate import (
-    ValidationReport as ValidationReport,
-    ValidationRow as ValidationRow,
-    validate as validate,
-)
+
+# What needs MuJoCo, diffrax or rich is imported when it is first used: they take longer than all else here. Type checkers read
+# the imports, Python reads the table.
+if _typing.TYPE_CHECKING:
+    from kanejax._io.export import to_mjcf as to_mjcf, to_mujoco as to_mujoco
+    from kanejax._io.load import LoadReport as LoadReport, load as load, load_report as load_report
+    from kanejax._io.mujoco import from_mujoco as from_mujoco
+    from kanejax._io.urdf_inertials import to_urdf_inertials as to_urdf_inertials
+    from kanejax._simulate.batch import SimulationInterrupted as SimulationInterrupted, simulate_batch as simulate_batch
+    from kanejax._simulate.beta_scheme import BetaScheme as BetaScheme
+    from kanejax._simulate.control import TorqueTable as TorqueTable
+    from kanejax._simulate.events import JointLimitBounce as JointLimitBounce, StateEvent as StateEvent
+    from kanejax._simulate.simulate import simulate as simulate
+    from kanejax._simulate.trajectory import (
+        SimulationError as SimulationError,
+        Status as Status,
+        Trajectory as Trajectory,
+    )
+    from kanejax._validate.report import ValidationReport as ValidationReport, ValidationRow as ValidationRow
+    from kanejax._validate.validate import validate as validate
+else:
+    _LATER = {
+        "_io.export": ("to_mjcf", "to_mujoco"),
+        "_io.load": ("LoadReport", "load", "load_report"),
+        "_io.mujoco": ("from_mujoco",),
+        "_io.urdf_inertials": ("to_urdf_inertials",),
+        "_simulate.batch": ("SimulationInterrupted", "simulate_batch"),
+        "_simulate.beta_scheme": ("BetaScheme",),
+        "_simulate.control": ("TorqueTable",),
+        "_simulate.events": ("JointLimitBounce", "StateEvent"),
+        "_simulate.simulate": ("simulate",),
+        "_simulate.trajectory": ("SimulationError", "Status", "Trajectory"),
+        "_validate.report": ("ValidationReport", "ValidationRow"),
+        "_validate.validate": ("validate",),
+    }
+    _MODULES = {name: f"{__name__}.{module}" for module, names in _LATER.items() for name in names}
+
+    def __getattr__(name: str) -> object:
+        """Import a public name when it is first used."""
+        if name not in _MODULES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = globals()[name] = getattr(_importlib.import_module(_MODULES[name]), name)
+        return value
+
+    def __dir__() -> list[str]:
+        """All names, also those that are not imported yet."""
+        return sorted({*globals(), *_MODULES})

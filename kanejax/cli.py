@@ -41,7 +41,7 @@ Strict = Annotated[
 ]
 Unphysical = Annotated[bool, typer.Option("--allow-unphysical", help="Keep inertias that no rigid body can have.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
-Seed = Annotated[int, typer.Option(help="Seed of the random numbers.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
 
 
 def main() -> None:
@@ -132,7 +132,7 @@ def simulate(
     robot: Robot,
     out: Annotated[Path, typer.Option(help="The .npz file to write.", show_default=False)],
     trajectories: Annotated[int, typer.Option(min=1, help="Number of trajectories.")] = 256,
-    duration: Annotated[float, typer.Option(min=1e-9, help="Length of each, in s.")] = 1.0,
+    duration: Annotated[float, typer.Option(min=1e-9, max=1e9, help="Length of each, in s.")] = 1.0,
     times: Annotated[int, typer.Option(min=2, help="Times to save, from 0 to the duration.")] = 101,
     speed: Annotated[float, typer.Option(min=0.0, help="Standard deviation of the initial speeds, in rad/s and m/s.")] = 1.0,
     damping: Annotated[float, typer.Option(min=0.0, help="Damping to add to every joint, in N m s/rad and N s/m.")] = 0.0,
@@ -194,11 +194,7 @@ def _load(robot: str, *, strict: bool, repair: bool, allow_unphysical: bool) -> 
     from kanejax import load_report
 
     with jax.enable_x64(True):
-        try:
-            return load_report(robot, strict=strict, repair=repair, allow_unphysical=allow_unphysical)
-        except KanejaxError as error:
-            _complain(_with_options(error))
-            raise typer.Exit(BAD_INPUT) from error
+        return load_report(robot, strict=strict, repair=repair, allow_unphysical=allow_unphysical)
 
 
 def _use_compilation_cache() -> None:
@@ -241,6 +237,9 @@ def _one_line_errors() -> Iterator[None]:
         warnings.showwarning = lambda message, category, *_, **__: _complain(str(message), "warning: ")
         try:
             yield
+        except KanejaxError as error:
+            _complain(_with_options(error))
+            raise typer.Exit(BAD_INPUT) from error
         except BrokenPipeError as error:
             # Whoever read the output, such as `head`, has seen enough; nothing may be written at exit either.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -287,7 +286,7 @@ def _spinner(text: str) -> contextlib.AbstractContextManager:
 def _print_differences(report: "LoadReport") -> None:
     for heading, sentences in (
         ("ignored, though it enters the dynamics", report.ignored),
-        ("not modelled", report.unmodelled),
+        ("of no effect on the equations of motion", report.unmodelled),
         ("changed", report.repaired),
     ):
         for sentence in sentences:

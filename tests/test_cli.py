@@ -1,6 +1,5 @@
 """The command line: what it prints and writes, its errors and exit codes."""
 
-import importlib
 import json
 
 import numpy as np
@@ -9,6 +8,7 @@ from typer.testing import CliRunner
 
 import kanejax as kj
 from kanejax import cli
+from kanejax._validate.report import QUANTITIES
 
 PENDULUM = """<mujoco model="p"><worldbody><body name="arm"><joint name="hinge" axis="0 1 0" range="-90 90"{damping}/>
 <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05" mass="2"/>
@@ -52,8 +52,7 @@ def test_validate(pendulum):
 
 
 def test_validate_fails_over_tolerance(pendulum, monkeypatch):
-    module = importlib.import_module("kanejax.validate")
-    none = {dtype: dict.fromkeys(module.QUANTITIES, 0.0) for dtype in ("float64", "float32")}
+    none = {dtype: dict.fromkeys(QUANTITIES, 0.0) for dtype in ("float64", "float32")}
     compare = kj.validate
     monkeypatch.setattr(kj, "validate", lambda robot, **options: compare(robot, tolerances=none, **options))
     result = run("validate", pendulum, "--samples", 5)
@@ -146,8 +145,46 @@ def test_simulate_checks_the_output_first(pendulum, tmp_path):
         assert message in result.stderr
 
 
+@pytest.mark.parametrize("command", [("info",), ("validate", "--samples", 2), ("simulate", "--out", "run.npz")])
 @pytest.mark.parametrize(
-    "arguments", [("simulate", "a.xml", "--trajectories", 0, "--out", "a.npz"), ("validate",), ("frobnicate",)]
+    ("text", "messages"),
+    [
+        (None, ("cannot be read", "give a path to a URDF or MJCF file")),
+        ("<mujoco>", ("line 1, column 8 is not well-formed XML",)),
+        (DIRTY, ("body 'arm': mass -1 kg is negative", "--repair", "--allow-unphysical")),
+        (DIRTY.replace("-1", "1").replace('izz="1"', 'izz="3"'), ("body 'arm': principal moments 1, 1, 3 kg m^2", "--repair")),
+        (DIRTY.replace("-1", "0").replace('"1"', '"0"'), ("body 'arm'", "mass 0 kg", "--repair")),
+    ],
+)
+def test_bad_input_is_one_line_without_a_traceback(command, text, messages, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if text is not None:
+        (tmp_path / "robot.urdf").write_text(text)
+    result = run(*command, "robot.urdf")
+    assert result.exit_code == cli.BAD_INPUT
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("error: robot.urdf: ")
+    for message in messages:
+        assert message in line
+
+
+def test_simulate_needs_joints(tmp_path):
+    path = tmp_path / "table.xml"
+    path.write_text('<mujoco><worldbody><body name="table"/></worldbody></mujoco>')
+    result = run("simulate", path, "--out", tmp_path / "run.npz")
+    assert result.exit_code == cli.BAD_INPUT
+    assert result.stderr == "error: the robot has no joints, so nothing moves\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("simulate", "a.xml", "--trajectories", 0, "--out", "a.npz"),
+        ("simulate", "a.xml", "--seed", -1, "--out", "a.npz"),
+        ("simulate", "a.xml", "--duration", "inf", "--out", "a.npz"),
+        ("validate",),
+        ("frobnicate",),
+    ],
 )
 def test_wrong_usage(arguments):
     assert run(*arguments).exit_code == cli.BAD_INPUT

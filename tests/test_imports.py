@@ -1,7 +1,9 @@
-"""Imports point one way along the flow: files, model, kinematics, dynamics, simulation."""
+"""Imports point one way along the flow: files, model, kinematics, dynamics, simulation; heavy ones wait for their use."""
 
 import ast
 import pathlib
+import subprocess
+import sys
 
 import kanejax
 
@@ -37,3 +39,25 @@ def test_imports_point_backwards():
         for path in files:
             beyond = imported(path) - allowed - {part}
             assert not beyond, f"{path.relative_to(PACKAGE)} imports {', '.join(sorted(beyond))}"
+
+
+def run(program: str) -> None:
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+
+
+def test_import_is_light():
+    run("import sys, kanejax; assert not {'mujoco', 'diffrax', 'optimistix', 'lineax', 'rich', 'typer'} & set(sys.modules)")
+
+
+def test_names_imported_on_use_are_found_in_every_way():
+    run("from kanejax import simulate, validate; import kanejax; assert kanejax.simulate is simulate; assert callable(validate)")
+    assert {"load", "simulate", "mass_matrix"} <= set(dir(kanejax))
+    assert all(hasattr(kanejax, name) for name in dir(kanejax))
+    assert not hasattr(kanejax, "simulat")
+
+
+def test_type_checkers_see_the_names_imported_on_use():
+    (branch,) = (node for node in ast.parse((PACKAGE / "__init__.py").read_text()).body if isinstance(node, ast.If))
+    seen = {alias.name: node.module for node in branch.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert seen == vars(kanejax)["_MODULES"]

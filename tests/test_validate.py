@@ -1,6 +1,5 @@
 """Validation: that it agrees where it should, notices what is wrong, and says so."""
 
-import importlib
 import json
 import re
 import subprocess
@@ -13,11 +12,9 @@ import numpy as np
 import pytest
 
 import kanejax as kj
+from kanejax._validate import validate as module
 from kanejax._validate.peers import without_constraints
 from kanejax._validate.states import sample_coordinates, sample_states
-
-# `kanejax.validate` is the function.
-module = importlib.import_module("kanejax.validate")
 
 MIXED = """<mujoco><option gravity="0.3 -0.2 -9.7"/><worldbody>
 <body name="head" pos="0 0 0.3"><joint name="neck" type="ball" pos="0 0 -0.1" stiffness="2" damping="0.1"/>
@@ -126,6 +123,14 @@ def test_ignored_features_are_left_out_of_both_sides():
     assert mj_model.opt.density == 1000
 
 
+def test_unphysical_inertias_are_compared_and_warned_of_once():
+    plate = '<inertial pos="1 0 0" mass="1" diaginertia="1 1 3"/>'
+    text = f'<mujoco><worldbody><body name="plate"><joint axis="0 1 0"/>{plate}</body></worldbody></mujoco>'
+    with pytest.warns(kj.UnphysicalInertiaWarning, match="body 'plate'") as caught:
+        assert kj.validate(text, samples=2, dtypes=["float64"], allow_unphysical=True).passed
+    assert len(caught) == 1
+
+
 @pytest.mark.parametrize("mass", [1.5, -1.0])
 def test_pinocchio_reads_the_same_urdf(mass):
     pytest.importorskip("pinocchio")
@@ -176,6 +181,7 @@ def test_far_and_wide_ranges_are_cut():
         ({"robot": MIXED, "samples": 0}, ValueError, "samples is 0; give at least 1"),
         ({"robot": MIXED, "against": "bullet"}, ValueError, "against is 'bullet'; choose from 'mujoco', 'pinocchio'"),
         ({"robot": MIXED, "dtypes": ["float16"]}, ValueError, "dtypes is 'float16'; choose from 'float64', 'float32'"),
+        ({"robot": MIXED, "dtypes": "float16"}, ValueError, "dtypes is 'float16'; choose from 'float64', 'float32'"),
         ({"robot": MIXED, "dtypes": []}, ValueError, "dtypes is empty"),
         ({"robot": "nowhere.urdf"}, kj.ModelFileError, "nowhere.urdf"),
         ({"robot": "<mujoco/>"}, kj.UnsupportedModelError, "it has no joints"),

@@ -5,21 +5,55 @@ file is no reason to refuse the model: its shape is replaced by a massless spher
 which sensors and contact pairs refer to stay.
 """
 
+import contextlib
 import math
+import threading
+import warnings
+from collections.abc import Iterator
 
 import mujoco
 
 from kanejax._errors import ModelFileError
 
 _COMPILE_ERRORS = (ValueError, RuntimeError, mujoco.FatalError)
+# The function that MuJoCo calls with its warnings is one for the whole process.
+_WARNINGS_LOCK = threading.Lock()
+
+
+@contextlib.contextmanager
+def mujoco_warnings() -> Iterator[list[str]]:
+    """Collect MuJoCo's warnings as sentences in a list, which is complete once the block is left.
+
+    Otherwise some would be printed and written to a file in the working folder, and others, such as of deprecated
+    attributes, would become Python warnings, and so exceptions for callers who ask for that; but the model is what its
+    file says.
+    """
+    sentences: list[str] = []
+    heard: list[str] = []
+    with _WARNINGS_LOCK, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        before = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(heard.append)
+        try:
+            yield sentences
+        finally:
+            mujoco.set_mju_user_warning(before)
+            messages = dict.fromkeys([*heard, *(str(warning.message) for warning in caught)])
+            sentences += [f"MuJoCo warns: {one_line(message)}" for message in messages]
 
 
 def compiled(spec: mujoco.MjSpec, origin: str) -> tuple[mujoco.MjModel, list[str]]:
-    """Compile `spec`, and say in sentences what was dropped; `spec` is edited where files cannot be read.
+    """Compile `spec`, and say in sentences what was dropped and warned of; `spec` is edited where files cannot be read.
 
     Raises ModelFileError with MuJoCo's message, and with the body and file where an inertia depends on an unreadable
     file.
     """
+    with mujoco_warnings() as warned:
+        mj_model, dropped = _compiled(spec, origin)
+    return mj_model, dropped + warned
+
+
+def _compiled(spec: mujoco.MjSpec, origin: str) -> tuple[mujoco.MjModel, list[str]]:
     try:
         # A spec cannot be read after it failed to compile, so the first try is on a copy.
         return spec.copy().compile(), []
@@ -44,9 +78,9 @@ def compiled(spec: mujoco.MjSpec, origin: str) -> tuple[mujoco.MjModel, list[str
     return mj_model, [f"shapes from files are dropped, as not every file can be read; no inertia needs them: {first_message}"]
 
 
-def one_line(error: Exception) -> str:
-    """Return an error's message on one line."""
-    return ", ".join(line.strip() for line in str(error).splitlines() if line.strip())
+def one_line(message: Exception | str) -> str:
+    """Return a message on one line."""
+    return ", ".join(line.strip() for line in str(message).splitlines() if line.strip())
 
 
 def bodies_and_motion(spec: mujoco.MjSpec) -> list[tuple[mujoco.MjsBody, bool]]:

@@ -12,6 +12,8 @@ from kanejax._io.inertial import defect
 from kanejax._model.model import Model, leaf_shapes
 from kanejax._model.tree import COORDINATES, WORLD, Tree
 
+# Speed, in rad/s or m/s, over which Coulomb friction builds up in a model from a file or table, which have no such number.
+DEFAULT_FRICTION_WIDTH = 0.01
 _OF_BODIES = ("body_position", "body_quaternion", "mass", "com", "central_inertia")
 _OF_COORDINATES = ("spring_reference", "coordinate_reference")
 _OF_SPEEDS = ("armature", "damping", "coulomb_friction", "friction_width")
@@ -51,7 +53,7 @@ def check_numbers(model: Model) -> None:
     _refuse(tree, "body_quaternion", quaternions, ~quaternions.any(axis=1), "is zero; no rotation is 1, 0, 0, 0")
     _check_spring_quaternions(model)
     width, armature, ranges = (np.asarray(leaf) for leaf in (model.friction_width, model.armature, model.joint_range))
-    _refuse(tree, "friction_width", width, width <= 0, "is not positive; it is a speed, such as 0.01")
+    _refuse(tree, "friction_width", width, width <= 0, f"is not positive; it is a speed, such as {DEFAULT_FRICTION_WIDTH}")
     _refuse(tree, "armature", armature, armature < 0, "is negative")
     _refuse(tree, "joint_range", ranges, ranges[:, 0] > ranges[:, 1], "is empty: its first number must be the lesser")
 

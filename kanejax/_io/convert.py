@@ -5,12 +5,11 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
+from kanejax._io.check import DEFAULT_FRICTION_WIDTH
 from kanejax._io.repair import inertial_of
 from kanejax._model.model import Model
 from kanejax._model.tree import COORDINATES, JointType, Tree
 
-# Speed, in rad/s or m/s, over which Coulomb friction builds up in a model from MuJoCo, which has no such number.
-DEFAULT_FRICTION_WIDTH = 0.01
 # MuJoCo's numbers of the joint types.
 _JOINT_TYPES: tuple[JointType, ...] = ("free", "ball", "prismatic", "revolute")
 

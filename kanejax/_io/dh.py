@@ -8,8 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from kanejax._io.check import check_model
-from kanejax._io.convert import DEFAULT_FRICTION_WIDTH
+from kanejax._io.check import DEFAULT_FRICTION_WIDTH, check_model
 from kanejax._io.rotation import quaternion_of, rotation_about
 from kanejax._model.model import Model
 from kanejax._model.tree import Tree
@@ -111,58 +110,35 @@ def from_dh(
         float32.
 
     Raises:
+        TypeError: a row is no DHLink.
         ValueError: a row has a wrong shape or joint type, or numbers that its convention does not read.
         InvalidInertiaError: no rigid body can have a link's inertia, or a joint moves no inertia.
         InvalidParameterError: a number is not finite.
     """
     if convention not in _CONVENTIONS:
         raise ValueError(f"convention {convention!r} is unknown; the conventions are {', '.join(_CONVENTIONS)}")
-    names = tuple(link.name or f"link{number}" for number, link in enumerate(links, start=1))
-    joint_names = tuple(link.joint_name or f"joint{number}" for number, link in enumerate(links, start=1))
-    placed = [_placed(link, convention, f"link {name!r}") for link, name in zip(links, names, strict=True)]
-    positions, rotations = [row.position for row in placed], [row.rotation for row in placed]
-    if convention == "nie":
-        # L_k belongs to the row of link k, but places link k+1.
-        positions = [np.zeros(3), *(row.next_origin for row in placed[:-1])][: len(links)]
-    if links:
-        turn = np.eye(3) if base_rotation is None else _rotation(base_rotation, "base_rotation")
-        positions[0] = _array(base_position, (3,), "base_position") + turn @ positions[0]
-        rotations[0] = turn @ rotations[0]
-    quaternions = [quaternion_of(rotation) for rotation in rotations]
-    coms = [_array(link.com, (3,), f"link {name!r}: com") for link, name in zip(links, names, strict=True)]
-    inertias = [_inertia(link, f"link {name!r}") for link, name in zip(links, names, strict=True)]
-    count, dtype = len(links), jax.dtypes.canonicalize_dtype(float)
-
-    def leaf(rows: object, *shape: int) -> jax.Array:
-        return jnp.asarray(np.asarray(rows, float).reshape(shape), dtype)
-
-    model = Model(
-        tree=Tree(
-            body_names=names,
-            body_parents=tuple(range(-1, count - 1)),
-            joint_names=joint_names,
-            joint_types=tuple("prismatic" if link.joint == "prismatic" else "revolute" for link in links),
-            joint_bodies=tuple(range(count)),
-        ),
-        gravity=leaf(_array(gravity, (3,), "gravity"), 3),
-        body_position=leaf(positions, count, 3),
-        body_quaternion=leaf(quaternions, count, 4),
-        joint_axis=leaf([row.axis for row in placed], count, 3),
-        joint_anchor=leaf([row.anchor for row in placed], count, 3),
-        mass=leaf([link.mass for link in links], count),
-        com=leaf(coms, count, 3),
-        central_inertia=leaf(inertias, count, 3, 3),
-        armature=leaf([link.armature for link in links], count),
-        damping=leaf([link.damping for link in links], count),
-        stiffness=leaf(np.zeros(count), count),
-        spring_reference=leaf(np.zeros(count), count),
-        coordinate_reference=leaf(np.zeros(count), count),
-        coulomb_friction=leaf([link.coulomb_friction for link in links], count),
-        friction_width=leaf(np.full(count, DEFAULT_FRICTION_WIDTH), count),
-        joint_range=leaf([link.joint_range for link in links], count, 2),
-    )
+    for number, link in enumerate(links, start=1):
+        if not isinstance(link, DHLink):
+            raise TypeError(f"row {number} is of type {type(link).__name__}; give DHLink(mass=..., alpha=..., a=..., d=...)")
+    tree = _tree(links)
+    labels = [f"link {name!r}" for name in tree.body_names]
+    placed = [_placed(link, convention, label) for link, label in zip(links, labels, strict=True)]
+    turn = np.eye(3) if base_rotation is None else _rotation(base_rotation, "base_rotation")
+    frames = _chained(placed, _array(base_position, (3,), "base_position"), turn)
+    model = _model(tree, links, labels, frames, _array(gravity, (3,), "gravity"))
     check_model(model, allow_unphysical=allow_unphysical)
     return model
+
+
+def _tree(links: Sequence[DHLink]) -> Tree:
+    count = len(links)
+    return Tree(
+        body_names=tuple(link.name or f"link{number}" for number, link in enumerate(links, start=1)),
+        body_parents=tuple(range(-1, count - 1)),
+        joint_names=tuple(link.joint_name or f"joint{number}" for number, link in enumerate(links, start=1)),
+        joint_types=tuple("prismatic" if link.joint == "prismatic" else "revolute" for link in links),
+        joint_bodies=tuple(range(count)),
+    )
 
 
 def _placed(link: DHLink, convention: Convention, label: str) -> _Placed:
@@ -187,6 +163,46 @@ def _placed(link: DHLink, convention: Convention, label: str) -> _Placed:
     return _Placed(np.zeros(3), rotation, axis, np.zeros(3), along)
 
 
+def _chained(placed: list[_Placed], base_position: np.ndarray, base_rotation: np.ndarray) -> list[_Placed]:
+    """Put the first frame on the base, and each other one where the row before has its origin."""
+    chained, origin, turn = [], base_position, base_rotation
+    for row in placed:
+        chained.append(row._replace(position=origin + turn @ row.position, rotation=turn @ row.rotation))
+        origin, turn = row.next_origin, np.eye(3)
+    return chained
+
+
+def _model(tree: Tree, links: Sequence[DHLink], labels: list[str], frames: list[_Placed], gravity: np.ndarray) -> Model:
+    count, dtype = len(links), jax.dtypes.canonicalize_dtype(float)
+
+    def leaf(rows: object, *shape: int) -> jax.Array:
+        return jnp.asarray(np.asarray(rows, float).reshape(shape), dtype)
+
+    def column(name: str, *shape: int) -> jax.Array:
+        rows = [_array(getattr(link, name), shape, f"{label}: {name}") for link, label in zip(links, labels, strict=True)]
+        return leaf(rows, count, *shape)
+
+    return Model(
+        tree=tree,
+        gravity=leaf(gravity, 3),
+        body_position=leaf([frame.position for frame in frames], count, 3),
+        body_quaternion=leaf([quaternion_of(frame.rotation) for frame in frames], count, 4),
+        joint_axis=leaf([frame.axis for frame in frames], count, 3),
+        joint_anchor=leaf([frame.anchor for frame in frames], count, 3),
+        mass=column("mass"),
+        com=column("com", 3),
+        central_inertia=leaf([_inertia(link, label) for link, label in zip(links, labels, strict=True)], count, 3, 3),
+        armature=column("armature"),
+        damping=column("damping"),
+        stiffness=leaf(np.zeros(count), count),
+        spring_reference=leaf(np.zeros(count), count),
+        coordinate_reference=leaf(np.zeros(count), count),
+        coulomb_friction=column("coulomb_friction"),
+        friction_width=leaf(np.full(count, DEFAULT_FRICTION_WIDTH), count),
+        joint_range=column("joint_range", 2),
+    )
+
+
 def _check_row(link: DHLink, convention: Convention, label: str) -> None:
     """Refuse an unknown joint type, and numbers that would not be read."""
     if link.joint not in _JOINT_TYPES:
@@ -197,8 +213,11 @@ def _check_row(link: DHLink, convention: Convention, label: str) -> None:
         raise ValueError(f"{label}: give either next_origin or a and d; only convention='nie' takes the former")
 
 
-def _array(values: Numbers, shape: tuple[int, ...], label: str) -> np.ndarray:
-    array = np.asarray(values, float)
+def _array(values: Numbers | float, shape: tuple[int, ...], label: str) -> np.ndarray:
+    try:
+        array = np.asarray(values, float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{label} = {values!r} is no array of numbers; it needs the shape {shape}") from error
     if array.shape != shape:
         raise ValueError(f"{label} has shape {array.shape}, but needs {shape}")
     return array
@@ -219,6 +238,7 @@ def _inertia(link: DHLink, label: str) -> np.ndarray:
         return np.diag(inertia)
     if inertia.shape != (3, 3):
         raise ValueError(f"{label}: central_inertia has shape {inertia.shape}, but needs (3, 3), or (3,) for principal moments")
-    if not np.allclose(inertia, inertia.T, rtol=0, atol=1e-9 * np.abs(inertia).max()):
+    # What is not finite is left to `check_model`.
+    if np.isfinite(inertia).all() and not np.allclose(inertia, inertia.T, rtol=0, atol=1e-9 * np.abs(inertia).max()):
         raise ValueError(f"{label}: central_inertia is not symmetric; products of inertia are its off-diagonal elements")
     return inertia

@@ -25,7 +25,8 @@ class LoadReport:
         model: what was loaded.
         origin: the path, or what else the sentences are about.
         ignored: features that enter the dynamics and are left out; empty unless loaded with strict=False.
-        unmodelled: what is left out and does not enter the equations of motion: contacts, actuators, sensors, shapes.
+        unmodelled: what is left out and does not enter the equations of motion: contacts, actuators, sensors, shapes; also
+            what MuJoCo warns of, such as deprecated attributes, which are carried out all the same.
         repaired: numbers that differ from those of the file.
     """
 
@@ -41,7 +42,7 @@ class LoadReport:
         lines = [f"{self.origin}: {tree.nbody} bodies, {tree.njoint} joints, {tree.nq} coordinates, {tree.nv} speeds"]
         headings = {
             "ignored, though it enters the dynamics": self.ignored,
-            "not modelled": self.unmodelled,
+            "of no effect on the equations of motion": self.unmodelled,
             "changed": self.repaired,
         }
         for heading, sentences in headings.items():

@@ -39,7 +39,7 @@ def from_mujoco(mj: mujoco.MjModel | mujoco.MjSpec, *, strict: bool = True, allo
     applied = with_flags_applied(mj)
     refused = refused_features(applied)
     if refused and strict:
-        raise UnsupportedModelError(f"MjModel: not modelled: {'; '.join(refused)}. Remove it, or pass strict=False to ignore it")
+        raise UnsupportedModelError(f"MjModel: {'; '.join(refused)}. Remove it, or pass strict=False to ignore it")
     if refused:
         warn_caller(f"MjModel: ignored, though it changes the dynamics: {'; '.join(refused)}", IgnoredFeatureWarning)
     model = model_from_compiled(applied)

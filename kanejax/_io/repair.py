@@ -116,7 +116,8 @@ def _stated(body: mujoco.MjsBody, label: str) -> _Stated:
     """Read a body's inertial; `axes` is None where the spec's inertial orientation already holds the principal axes."""
     mass, full = float(body.mass), np.array(body.fullinertia)
     if not np.all(np.isfinite([mass, *body.inertia, *full[1:]])):
-        raise InvalidInertiaError(f"{label}: its mass or inertia is not finite; write numbers in the file")
+        inertia = " ".join(f"{number:.6g}" for number in (body.inertia if np.isnan(full[0]) else full))
+        raise InvalidInertiaError(f"{label}: mass {mass:.6g} kg or inertia {inertia} kg m^2 is not finite; correct the file")
     axes, moments = None, np.array(body.inertia)
     smallest, rounding = (_SMALLEST_JOINTED if body.joints else 0.0), 0.0
     if not np.isnan(full[0]):

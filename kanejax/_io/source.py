@@ -7,13 +7,13 @@ from pathlib import Path
 import mujoco
 
 from kanejax._errors import ModelFileError, UnsupportedModelError
-from kanejax._io.assets import one_line
+from kanejax._io.assets import mujoco_warnings, one_line
 from kanejax._io.flags import with_flags_applied
 from kanejax._io.inertial import Inertial
 from kanejax._io.repair import compile_with_stated_inertias
 from kanejax._io.unsupported import refused_features, unmodelled_features
 from kanejax._io.urdf import prepared_urdf
-from kanejax._io.xml_text import check_included_files, parsed_xml
+from kanejax._io.xml_text import check_included_files, file_content, parsed_xml
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +68,7 @@ def compile_source(
     refused = (*opened.refused, *refused_features(mj_model))
     if strict and refused:
         raise UnsupportedModelError(
-            f"{opened.origin}: not modelled: {'; '.join(refused)}. Remove it from the file, or load with strict=False to ignore it"
+            f"{opened.origin}: {'; '.join(refused)}. Remove it from the file, or load with strict=False to ignore it"
         )
     ignored = (*refused, *opened.ignored, *result.ignored, *unmodelled_features(mj_model))
     repaired = (*opened.repaired, *result.repaired)
@@ -85,8 +85,7 @@ def _opened(source: str | os.PathLike | mujoco.MjSpec, repair: bool) -> _Opened:
     if isinstance(source, str) and source.lstrip().startswith("<"):
         data = _declaration_first(source)
         return _opened_xml(data, None, data, "XML string", repair)
-    path = Path(source)
-    return _opened_xml(_read(path), path, "", str(path), repair)
+    return _opened_xml(file_content(source), Path(source), "", str(source), repair)
 
 
 def _opened_xml(data: bytes | str, path: Path | None, xml: str, origin: str, repair: bool) -> _Opened:
@@ -94,11 +93,12 @@ def _opened_xml(data: bytes | str, path: Path | None, xml: str, origin: str, rep
     root = parsed_xml(data, origin)
     if root.tag == "robot":
         prepared = prepared_urdf(root, origin, repair=repair)
-        spec = _spec(prepared.xml, None, origin)
-        return _Opened(spec, origin, prepared.refused, prepared.ignored, prepared.repaired)
+        spec, warned = _spec(prepared.xml, None, origin)
+        return _Opened(spec, origin, prepared.refused, (*prepared.ignored, *warned), prepared.repaired)
     if root.tag == "mujoco":
         check_included_files(root, Path() if path is None else path.parent)
-        return _Opened(_spec(xml, path, origin), origin)
+        spec, warned = _spec(xml, path, origin)
+        return _Opened(spec, origin, ignored=tuple(warned))
     raise ModelFileError(f"{origin}: the root element is <{root.tag}>; a URDF starts with <robot>, an MJCF with <mujoco>")
 
 
@@ -107,19 +107,10 @@ def _declaration_first(xml: str) -> str:
     return xml.lstrip() if xml.lstrip().startswith("<?xml") else xml
 
 
-def _read(path: Path) -> bytes:
+def _spec(xml: str, path: Path | None, origin: str) -> tuple[mujoco.MjSpec, list[str]]:
+    """Let MuJoCo read a file, so that it finds what the file includes, or else a string; also what it warns of."""
     try:
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise ModelFileError(
-            f"{str(path)[:200]}: cannot be read ({reason}); give a path to a URDF or MJCF file, or the XML itself"
-        ) from error
-
-
-def _spec(xml: str, path: Path | None, origin: str) -> mujoco.MjSpec:
-    """Let MuJoCo read a file, so that it finds what the file includes, or else a string."""
-    try:
-        return mujoco.MjSpec.from_string(xml) if path is None else mujoco.MjSpec.from_file(str(path))
+        with mujoco_warnings() as warned:
+            return mujoco.MjSpec.from_string(xml) if path is None else mujoco.MjSpec.from_file(str(path)), warned
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise ModelFileError(f"{origin}: MuJoCo cannot read the model: {one_line(error)}") from error

@@ -3,7 +3,6 @@
 import os
 import re
 import xml.parsers.expat
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from kanejax._errors import ModelFileError
 from kanejax._io.check import check_numbers
 from kanejax._io.export import numbers
-from kanejax._io.xml_text import parsed_xml
+from kanejax._io.xml_text import file_content, parsed_xml
 from kanejax._model.model import Model
 
 
@@ -63,13 +62,12 @@ def _text_and_origin(urdf: str | os.PathLike) -> tuple[str, str]:
     if isinstance(urdf, str) and urdf.lstrip().startswith("<"):
         # A declared encoding is that of the file, not of the string.
         return re.sub(r"^\s+(?=<\?xml)", "", urdf), "XML string"
-    path = Path(urdf)
+    data = file_content(urdf)
+    declared = re.match(rb"""\s*<\?xml[^>]*encoding=["']([^"']+)["']""", data)
     try:
-        data = path.read_bytes()
-        declared = re.match(rb"""\s*<\?xml[^>]*encoding=["']([^"']+)["']""", data)
-        return data.decode(declared[1].decode() if declared else "utf-8-sig"), str(path)
-    except (OSError, ValueError, LookupError) as error:
-        raise ModelFileError(f"{str(path)[:200]}: cannot be read ({error}); give a path to a URDF, or its text") from error
+        return data.decode(declared[1].decode() if declared else "utf-8-sig"), str(urdf)
+    except (ValueError, LookupError) as error:
+        raise ModelFileError(f"{urdf}: its text cannot be decoded ({error}); declare its encoding in the first line") from error
 
 
 def _links(data: bytes) -> dict[str, _Link]:

@@ -1,11 +1,23 @@
 """Reading XML text safely: no DOCTYPE or ENTITY declarations, line numbers in errors, numbers checked by name."""
 
 import math
+import os
 import xml.parsers.expat
 from pathlib import Path
 from xml.etree import ElementTree
 
 from kanejax._errors import ModelFileError
+
+
+def file_content(path: str | os.PathLike) -> bytes:
+    """Read a file; raises ModelFileError if there is none."""
+    try:
+        return Path(path).read_bytes()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        # The path may be text of any length.
+        name = str(path)[:200] or "an empty path"
+        raise ModelFileError(f"{name}: cannot be read ({reason}); give a path to a URDF or MJCF file, or the XML itself") from error
 
 
 def parsed_xml(data: bytes | str, origin: str) -> ElementTree.Element:
@@ -24,7 +36,8 @@ def parsed_xml(data: bytes | str, origin: str) -> ElementTree.Element:
         # The whole text is checked before the tree is built, so that no entity is ever expanded.
         checker.Parse(data, True)
     except xml.parsers.expat.ExpatError as error:
-        raise ModelFileError(f"{origin}: line {error.lineno} is not well-formed XML: {error}") from error
+        reason = f"line {error.lineno}, column {error.offset} is not well-formed XML: {xml.parsers.expat.ErrorString(error.code)}"
+        raise ModelFileError(f"{origin}: {reason}; correct it") from error
     return ElementTree.fromstring(data)
 
 

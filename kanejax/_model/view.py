@@ -1,7 +1,8 @@
 """Views of one body or joint of a model, by name: its numbers, and a new model with some of them changed."""
 
 import dataclasses
-from typing import Any, final
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import jax
 import jax.numpy as jnp
@@ -10,16 +11,27 @@ from kanejax._errors import UnknownNameError
 from kanejax._model import model as _model
 from kanejax._model.tree import COORDINATES, SPEEDS, WORLD, JointType
 
-_OF_BODY = {
-    "position": "body_position",
-    "quaternion": "body_quaternion",
-    "mass": "mass",
-    "com": "com",
-    "central_inertia": "central_inertia",
-}
-_OF_JOINT = {"axis": "joint_axis", "anchor": "joint_anchor", "stiffness": "stiffness", "range": "joint_range"}
-_OF_SPEEDS = ("armature", "damping", "coulomb_friction", "friction_width")
-_OF_COORDINATES = ("spring_reference", "coordinate_reference")
+
+class _Number(property):
+    """A number of a body or joint: the part of a leaf of its model that belongs to it.
+
+    Attributes:
+        leaf: name of the leaf.
+        place: the attribute of the view that says which part: its "index", "speeds" or "coordinates".
+    """
+
+    def __init__(self, leaf: str, meaning: str, place: Literal["index", "speeds", "coordinates"] = "index") -> None:
+        super().__init__(lambda view: _unbatched(view.model, leaf)[self.part(view)], doc=meaning)
+        self.leaf, self.place = leaf, place
+
+    def part(self, view: Any) -> int | slice:
+        """Where the number is in the leaf: an index where there is one element."""
+        place = getattr(view, self.place)
+        return place.start if isinstance(place, slice) and place.stop == place.start + 1 else place
+
+    if TYPE_CHECKING:
+
+        def __get__(self, instance: Any, owner: type | None = None, /) -> jax.Array: ...
 
 
 @final
@@ -35,35 +47,18 @@ class BodyView:
     model: "_model.Model"
     index: int
 
+    position = _Number("body_position", "Position [m] of the body's frame in its parent's while no joint is displaced, (3,).")
+    quaternion = _Number(
+        "body_quaternion", "Orientation (w, x, y, z) of the body's frame in its parent's while no joint is displaced, (4,)."
+    )
+    mass = _Number("mass", "Mass [kg], ().")
+    com = _Number("com", "Mass centre [m] in the body's frame, (3,).")
+    central_inertia = _Number("central_inertia", "Inertia [kg m^2] about the mass centre in the body's axes, (3, 3).")
+
     @property
     def name(self) -> str:
         """Name of the body."""
         return self.model.tree.body_names[self.index]
-
-    @property
-    def mass(self) -> jax.Array:
-        """Mass [kg], ()."""
-        return _part(self.model, "mass", self.index)
-
-    @property
-    def com(self) -> jax.Array:
-        """Mass centre [m] in the body's frame, (3,)."""
-        return _part(self.model, "com", self.index)
-
-    @property
-    def central_inertia(self) -> jax.Array:
-        """Inertia [kg m^2] about the mass centre in the body's axes, (3, 3)."""
-        return _part(self.model, "central_inertia", self.index)
-
-    @property
-    def position(self) -> jax.Array:
-        """Position [m] of the body's frame in its parent's at zero displacement of the joints, (3,)."""
-        return _part(self.model, "body_position", self.index)
-
-    @property
-    def quaternion(self) -> jax.Array:
-        """Orientation (w, x, y, z) of the body's frame in its parent's at zero displacement of the joints, (4,)."""
-        return _part(self.model, "body_quaternion", self.index)
 
     @property
     def parent(self) -> "BodyView | None":
@@ -91,13 +86,7 @@ class BodyView:
             UnknownNameError: a body has no such number.
             ValueError: a shape is wrong.
         """
-        changed = {}
-        for name, value in values.items():
-            if name not in _OF_BODY:
-                raise UnknownNameError("number of a body", name, _OF_BODY)
-            leaf = _OF_BODY[name]
-            changed[leaf] = _with_part(self.model, leaf, self.index, value, f"body {self.name!r}: {name}")
-        return replaced(self.model, **changed)
+        return _with_numbers(self, "body", values)
 
     def __repr__(self) -> str:
         """Name it; its numbers may be unknown while tracing."""
@@ -119,6 +108,19 @@ class JointView:
 
     model: "_model.Model"
     index: int
+
+    axis = _Number("joint_axis", "Direction in the body's frame, of any length, (3,); unused by ball and free joints.")
+    anchor = _Number("joint_anchor", "A point [m] of the joint in the body's frame, (3,); unused by free joints.")
+    stiffness = _Number("stiffness", "Of the spring, force [N] or torque [N m] a unit of displacement, ().")
+    range = _Number("joint_range", "Least and greatest coordinate, (2,), infinite where there is none.")
+    armature = _Number("armature", "Inertia of the rotor, reflected to the speed [kg m^2 or kg].", "speeds")
+    damping = _Number("damping", "Force [N] or torque [N m] a unit of speed.", "speeds")
+    coulomb_friction = _Number("coulomb_friction", "Greatest friction force [N] or torque [N m].", "speeds")
+    friction_width = _Number("friction_width", "Speed [rad/s or m/s] over which friction builds up.", "speeds")
+    spring_reference = _Number("spring_reference", "Coordinates [rad or m] at which the spring is relaxed.", "coordinates")
+    coordinate_reference = _Number(
+        "coordinate_reference", "Coordinates [rad or m] where the body's position and quaternion hold.", "coordinates"
+    )
 
     @property
     def name(self) -> str:
@@ -147,56 +149,6 @@ class JointView:
         start = self.model.tree.v_start[self.index]
         return slice(start, start + SPEEDS[self.type])
 
-    @property
-    def axis(self) -> jax.Array:
-        """Direction in the body's frame, of any length, (3,); unused by ball and free joints."""
-        return _part(self.model, "joint_axis", self.index)
-
-    @property
-    def anchor(self) -> jax.Array:
-        """A point [m] of the joint in the body's frame, (3,); unused by free joints."""
-        return _part(self.model, "joint_anchor", self.index)
-
-    @property
-    def stiffness(self) -> jax.Array:
-        """Of the spring, force [N] or torque [N m] a unit of displacement, ()."""
-        return _part(self.model, "stiffness", self.index)
-
-    @property
-    def range(self) -> jax.Array:
-        """Least and greatest coordinate, (2,), infinite where there is none."""
-        return _part(self.model, "joint_range", self.index)
-
-    @property
-    def armature(self) -> jax.Array:
-        """Inertia of the rotor, reflected to the speed [kg m^2 or kg]."""
-        return _part(self.model, "armature", self._place("armature"))
-
-    @property
-    def damping(self) -> jax.Array:
-        """Force [N] or torque [N m] a unit of speed."""
-        return _part(self.model, "damping", self._place("damping"))
-
-    @property
-    def coulomb_friction(self) -> jax.Array:
-        """Greatest friction force [N] or torque [N m]."""
-        return _part(self.model, "coulomb_friction", self._place("coulomb_friction"))
-
-    @property
-    def friction_width(self) -> jax.Array:
-        """Speed [rad/s or m/s] over which friction builds up."""
-        return _part(self.model, "friction_width", self._place("friction_width"))
-
-    @property
-    def spring_reference(self) -> jax.Array:
-        """Coordinates [rad or m] at which the spring is relaxed."""
-        return _part(self.model, "spring_reference", self._place("spring_reference"))
-
-    @property
-    def coordinate_reference(self) -> jax.Array:
-        """Coordinates [rad or m] in the pose that the position and quaternion of the body describe."""
-        return _part(self.model, "coordinate_reference", self._place("coordinate_reference"))
-
     def set(self, **values: Any) -> "_model.Model":
         """Return a model in which this joint has other numbers; works on values that JAX traces.
 
@@ -211,18 +163,7 @@ class JointView:
             UnknownNameError: a joint has no such number.
             ValueError: a shape is wrong.
         """
-        changed = {}
-        for name, value in values.items():
-            leaf = _OF_JOINT.get(name, name)
-            if name not in (*_OF_JOINT, *_OF_SPEEDS, *_OF_COORDINATES):
-                raise UnknownNameError("number of a joint", name, (*_OF_JOINT, *_OF_SPEEDS, *_OF_COORDINATES))
-            place = self.index if name in _OF_JOINT else self._place(name)
-            changed[leaf] = _with_part(self.model, leaf, place, value, f"joint {self.name!r}: {name}", spread=name in _OF_SPEEDS)
-        return replaced(self.model, **changed)
-
-    def _place(self, leaf: str) -> int | slice:
-        place = self.speeds if leaf in _OF_SPEEDS else self.coordinates
-        return place.start if place.stop == place.start + 1 else place
+        return _with_numbers(self, "joint", values)
 
     def __repr__(self) -> str:
         """Name it; its numbers may be unknown while tracing."""
@@ -238,17 +179,20 @@ def replaced(model: "_model.Model", **leaves: Any) -> "_model.Model":
     return dataclasses.replace(model, **{name: jnp.asarray(value).astype(model.dtype) for name, value in leaves.items()})
 
 
-def _part(model: "_model.Model", leaf: str, place: int | slice) -> jax.Array:
-    return _unbatched(model, leaf)[place]
-
-
-def _with_part(model: "_model.Model", leaf: str, place: int | slice, value: Any, label: str, *, spread: bool = False) -> jax.Array:
-    """Return a leaf with another value in one place; `spread` lets one number stand for several."""
-    old = _unbatched(model, leaf)
-    shape, array = old[place].shape, jnp.asarray(value)
-    if array.shape != shape and not (spread and array.ndim == 0):
-        raise ValueError(f"{label} has shape {array.shape}, but needs {shape}")
-    return old.at[place].set(array.astype(old.dtype))
+def _with_numbers(view: BodyView | JointView, kind: str, values: Mapping[str, Any]) -> "_model.Model":
+    """Return the model of a view with other values of some of its numbers."""
+    numbers = {name: number for name, number in vars(type(view)).items() if isinstance(number, _Number)}
+    changed = {}
+    for name, value in values.items():
+        if name not in numbers:
+            raise UnknownNameError(f"number of a {kind}", name, numbers)
+        number, array = numbers[name], jnp.asarray(value)
+        leaf, part = _unbatched(view.model, number.leaf), number.part(view)
+        one_for_all = number.place == "speeds" and array.ndim == 0
+        if array.shape != leaf[part].shape and not one_for_all:
+            raise ValueError(f"{kind} {view.name!r}: {name} has shape {array.shape}, but needs {leaf[part].shape}")
+        changed[number.leaf] = leaf.at[part].set(array.astype(leaf.dtype))
+    return replaced(view.model, **changed)
 
 
 def _unbatched(model: "_model.Model", leaf: str) -> jax.Array:

@@ -1,1 +1,1 @@
-"""What `kanejax.validate` is made of: random states, the peers that are compared with, and the report."""
+"""Comparing a robot's dynamics with independent implementations: random states, the peers, and the report."""

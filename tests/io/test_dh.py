@@ -1,6 +1,7 @@
 """Arms from tables: Nie's Intelledex 605 with its reference torques, and each convention against MuJoCo."""
 
 import dataclasses
+import inspect
 from typing import Any
 
 import jax
@@ -130,6 +131,10 @@ def test_names_and_options() -> None:
     [
         ({"joint": "ball"}, "nie", "link 'link1': joint 'ball' is unknown; the types are revolute, prismatic"),
         ({"com": (1, 2)}, "nie", "link 'link1': com has shape (2,), but needs (3,)"),
+        ({"com": ("a", 1, 2)}, "nie", "link 'link1': com = ('a', 1, 2) is no array of numbers; it needs the shape (3,)"),
+        ({"joint_range": (1, 2, 3)}, "nie", "link 'link1': joint_range has shape (3,), but needs (2,)"),
+        ({"central_inertia": (1, 1, 3)}, "nie", "body 'link1': principal moments 1, 1, 3 kg m^2 break the triangle inequality"),
+        ({"central_inertia": np.full((3, 3), np.nan)}, "nie", "body 'link1': central_inertia = nan nan"),
         ({"central_inertia": (1, 2)}, "nie", "link 'link1': central_inertia has shape (2,)"),
         ({"central_inertia": ((1, 2, 0), (0, 1, 0), (0, 0, 1))}, "nie", "central_inertia is not symmetric"),
         ({"rotation": np.ones((3, 3))}, "nie", "link 'link1': rotation is not a rotation matrix"),
@@ -148,6 +153,12 @@ def test_messages(change: dict[str, Any], convention: Any, message: str) -> None
     with pytest.raises((ValueError, kj.KanejaxError)) as raised:
         kj.from_dh([link], convention=convention)
     assert message in str(raised.value)
+
+
+def test_rows_of_another_type() -> None:
+    # Without the type checks of the tests.
+    with pytest.raises(TypeError, match="row 1 is of type tuple; give DHLink"):
+        inspect.unwrap(kj.from_dh)([(0.1, 0.0, 0.2, 0.0)])
 
 
 def test_unknown_convention() -> None:

@@ -74,6 +74,21 @@ def test_what_does_not_enter_the_dynamics_is_logged_only(caplog: pytest.LogCaptu
     assert "XML string: actuators are not modelled (1): give their generalized forces as tau" in caplog.messages
 
 
+def test_warnings_of_mujoco_are_logged_only(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = mjcf(before='<compiler settotalmass="3"/><custom><numeric name="unused" data="nan"/></custom>')
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model = kj.load(text)
+    assert model.mass == 3
+    found = [sentence for sentence in kj.load_report(text).unmodelled if sentence.startswith("MuJoCo warns: ")]
+    assert len(found) == 2
+    assert "'NaN'" in found[0]
+    assert "'settotalmass' is deprecated" in found[1]
+    # MuJoCo would write a log.
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_report_has_everything_and_warns_of_nothing() -> None:
     after = '<actuator><motor joint="hinge"/></actuator>'
     text = mjcf(BROKEN, before='<option density="1"/>', after=after)

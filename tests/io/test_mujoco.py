@@ -130,7 +130,7 @@ def test_option_flags_are_carried_out() -> None:
 
 def test_unmodelled_dynamics_are_refused_or_warned_of() -> None:
     mj_model = compiled(MECHANISM.replace("<option", '<option density="1.2"'))
-    with pytest.raises(kj.UnsupportedModelError, match=r"MjModel: not modelled: fluid forces.*strict=False"):
+    with pytest.raises(kj.UnsupportedModelError, match=r"MjModel: fluid forces.*strict=False"):
         kj.from_mujoco(mj_model)
     with pytest.warns(kj.IgnoredFeatureWarning, match="ignored, though it changes the dynamics: fluid forces"):
         model = kj.from_mujoco(mj_model, strict=False)

@@ -146,9 +146,15 @@ def test_urdf_planar_joint() -> None:
         ),
         ('<robot name="r" xmlns:xacro="http://x/xacro"><xacro:macro/></robot>', ModelFileError, "xacro template"),
         ("<sdf/>", ModelFileError, "root element is <sdf>"),
-        ("<robot>\n<link>\n</robot>", ModelFileError, "XML string: line 3 is not well-formed XML: mismatched tag"),
+        ("<robot>\n<link>\n</robot>", ModelFileError, "XML string: line 3, column 2 is not well-formed XML: mismatched tag"),
         ('<!DOCTYPE robot [<!ENTITY e "x">]><robot/>', ModelFileError, "DOCTYPE"),
         ("nowhere/robot.urdf", ModelFileError, "nowhere/robot.urdf: cannot be read (No such file or directory)"),
+        ("", ModelFileError, "an empty path: cannot be read"),
+        (
+            mjcf('<body name="arm"><joint/><inertial pos="0 0 0" mass="nan" diaginertia="1 2 3"/></body>'),
+            InvalidInertiaError,
+            "body 'arm': mass nan kg or inertia 1 2 3 kg m^2 is not finite",
+        ),
         (
             mjcf("<body><nonsense/></body>"),
             ModelFileError,
@@ -228,13 +234,13 @@ def test_spec_is_left_as_it_is() -> None:
 
 def test_xml_string_may_begin_with_blank_lines() -> None:
     assert compile_source('\n  <?xml version="1.0"?>' + PENDULUM).mj_model.nv == 1
-    with pytest.raises(ModelFileError, match="line 3 "):
+    with pytest.raises(ModelFileError, match="line 3, "):
         compile_source("\n\n<mujoco></robot>")
 
 
 def test_unmodelled_features_refuse_only_if_strict() -> None:
     text = PENDULUM.replace("<mujoco>", '<mujoco><option density="1"/>')
-    with pytest.raises(UnsupportedModelError, match="XML string: not modelled: fluid forces"):
+    with pytest.raises(UnsupportedModelError, match="XML string: fluid forces"):
         compile_source(text)
     assert compile_source(text, strict=False).ignored[0].startswith("fluid forces")
 

@@ -1,5 +1,7 @@
 """Views by name: reading, changing, and what they say of mistakes."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -90,6 +92,12 @@ def test_views_of_gradients(model: kj.Model) -> None:
 def test_views_in_single_precision(model: kj.Model) -> None:
     single = model.astype(jnp.float32).body("arm").set(mass=np.float64(2))
     assert single.dtype == jnp.float32
+
+
+def test_views_are_documented_and_cannot_be_assigned_to(model: kj.Model) -> None:
+    assert type(model.joint("yaw")).damping.__doc__ == "Force [N] or torque [N m] a unit of speed."
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(model.body("arm"), "mass", 2.0)  # noqa: B010
 
 
 def test_unknown_names_list_the_valid_ones(model: kj.Model) -> None:

@@ -16,23 +16,19 @@ import mujoco
 import numpy as np
 
 from kanejax._errors import UnsupportedModelError
+from kanejax._io.check import check_numbers
+from kanejax._io.convert import model_from_compiled
 from kanejax._io.export import to_mujoco
 from kanejax._io.flags import with_flags_applied
-from kanejax._io.load import load_report
 from kanejax._io.mujoco import from_mujoco
 from kanejax._io.source import compile_source
 from kanejax._io.urdf_inertials import to_urdf_inertials
 from kanejax._model.model import Model
 from kanejax._validate.peers import mujoco_terms, own_terms, pinocchio_terms, without_constraints
-from kanejax._validate.report import (
-    QUANTITIES as QUANTITIES,
-    Quantity,
-    ValidationReport as ValidationReport,
-    ValidationRow as ValidationRow,
-)
+from kanejax._validate.report import QUANTITIES, Quantity, ValidationReport, ValidationRow
 from kanejax._validate.states import States, sample_states
 
-TOLERANCES: Mapping[str, Mapping[str, float]] = {
+TOLERANCES: Mapping[str, Mapping[Quantity, float]] = {
     "float64": {"inverse dynamics": 1e-11, "forward dynamics": 1e-9, "mass matrix": 1e-11, "bias force": 1e-11},
     "float32": dict.fromkeys(QUANTITIES, 1e-4),
 }
@@ -48,8 +44,8 @@ def validate(
     samples: int = 1000,
     seed: int = 0,
     against: str | Sequence[str] = "mujoco",
-    dtypes: Sequence[str] = ("float64", "float32"),
-    tolerances: Mapping[str, Mapping[str, float]] = TOLERANCES,
+    dtypes: str | Sequence[str] = ("float64", "float32"),
+    tolerances: Mapping[str, Mapping[Quantity, float]] = TOLERANCES,
     strict: bool = True,
     repair: bool = False,
     allow_unphysical: bool = False,
@@ -80,8 +76,9 @@ def validate(
         samples: number of states.
         seed: of the random numbers.
         against: "mujoco", "pinocchio" (of URDFs, with the package `pin` installed), or both.
-        dtypes: data types of this library's side.
-        tolerances: greatest errors that pass, like `TOLERANCES`.
+        dtypes: of this library's side: "float64", "float32", or both.
+        tolerances: greatest errors that pass, by data type and quantity; in float64 1e-11, and 1e-9 for forward dynamics, in
+            float32 1e-4.
         strict: as of `load`.
         repair: as of `load`; Pinocchio gets the repaired inertias.
         allow_unphysical: as of `load`.
@@ -97,33 +94,13 @@ def validate(
         ModuleNotFoundError: `pin` is not installed.
     """
     against = (against,) if isinstance(against, str) else tuple(against)
+    dtypes = (dtypes,) if isinstance(dtypes, str) else tuple(dtypes)
     _check_options(samples, against, dtypes)
-    rows: list[ValidationRow] = []
     with jax.enable_x64(True):
         loaded = _loaded(robot, strict=strict, repair=repair, allow_unphysical=allow_unphysical)
-        if not loaded.model.nv:
-            raise UnsupportedModelError(f"{loaded.name}: it has no joints, so there are no dynamics to compare")
-        smooth = without_constraints(loaded.mj_model)
-
-        def inverse_dynamics(states: States) -> np.ndarray:
-            return mujoco_terms(smooth, states)["inverse dynamics"]
-
-        states = sample_states(loaded.model, samples, seed, inverse_dynamics)
-        for peer in against:
-            left_out = {"coulomb_friction": 0.0}
-            if peer == "mujoco":
-                expected = mujoco_terms(smooth, states)
-            else:
-                expected = pinocchio_terms(loaded.model, _urdf(loaded), states)
-                left_out |= {"damping": 0.0, "stiffness": 0.0, "armature": 0.0}
-            model, scales = _with(loaded.model, left_out), _scales(expected)
-            for dtype in dtypes:
-                found = own_terms(model, states, dtype)
-                rows += [_row(peer, dtype, name, found, expected, scales, tolerances[dtype][name]) for name in QUANTITIES]
-    packages = ("jax", "mujoco", "pin") if "pinocchio" in against else ("jax", "mujoco")
-    versions = {package: importlib.metadata.version(package) for package in packages}
-    tree = loaded.model.tree
-    return ValidationReport(loaded.name, tree.nbody, tree.nq, tree.nv, samples, seed, tuple(rows), _notes(loaded), versions)
+        states = _states(loaded, samples, seed)
+        rows = [row for peer in against for row in _compared(loaded, peer, states, dtypes, tolerances)]
+    return _report(loaded, samples, seed, rows)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,10 +123,38 @@ def _loaded(robot: Any, *, strict: bool, repair: bool, allow_unphysical: bool) -
         return _Robot("MjModel", from_mujoco(robot, strict=strict, allow_unphysical=allow_unphysical), with_flags_applied(robot))
     if not isinstance(robot, (str, os.PathLike, mujoco.MjSpec)):
         raise TypeError(f"validate takes a path, XML text, an MjSpec, an MjModel or a Model, got {type(robot).__name__}")
-    report = load_report(robot, strict=strict, repair=repair, allow_unphysical=allow_unphysical)
-    # What was unphysical has been warned of by now.
     compiled = compile_source(robot, strict=strict, repair=repair, allow_unphysical=allow_unphysical)
-    return _Robot(report.origin, report.model, compiled.mj_model, robot, report.ignored, report.repaired)
+    model = model_from_compiled(compiled.mj_model)
+    check_numbers(model)
+    return _Robot(compiled.origin, model, compiled.mj_model, robot, compiled.refused, compiled.repaired)
+
+
+def _states(robot: _Robot, samples: int, seed: int) -> States:
+    """Random states, with forces as large as those of MuJoCo's inverse dynamics."""
+    if not robot.model.nv:
+        raise UnsupportedModelError(f"{robot.name}: it has no joints, so there are no dynamics to compare")
+    return sample_states(robot.model, samples, seed, lambda states: _expected(robot, "mujoco", states)["inverse dynamics"])
+
+
+def _expected(robot: _Robot, peer: str, states: States) -> dict[str, np.ndarray]:
+    """The peer's numbers."""
+    if peer == "pinocchio":
+        return pinocchio_terms(robot.model, _urdf(robot), states)
+    return mujoco_terms(without_constraints(robot.mj_model), states)
+
+
+def _compared(
+    robot: _Robot, peer: str, states: States, dtypes: Sequence[str], tolerances: Mapping[str, Mapping[Quantity, float]]
+) -> list[ValidationRow]:
+    """Rows of one peer, with what it does not apply left out of this library's side."""
+    left_out = ("coulomb_friction",) if peer == "mujoco" else ("coulomb_friction", "damping", "stiffness", "armature")
+    model = robot.model.replace(**{name: jnp.zeros_like(getattr(robot.model, name)) for name in left_out})
+    expected = _expected(robot, peer, states)
+    scales, rows = _scales(expected), []
+    for dtype in dtypes:
+        found = own_terms(model, states, dtype)
+        rows += [_row(peer, dtype, name, found, expected, scales, tolerances[dtype][name]) for name in QUANTITIES]
+    return rows
 
 
 def _urdf(robot: _Robot) -> str:
@@ -175,9 +180,11 @@ def _check_options(samples: int, against: Sequence[str], dtypes: Sequence[str]) 
             raise ValueError(f"{name} is {given}; choose from {', '.join(map(repr, valid))}")
 
 
-def _with(model: Model, values: Mapping[str, float]) -> Model:
-    """The model with some leaves filled with one value each."""
-    return dataclasses.replace(model, **{name: jnp.full_like(getattr(model, name), value) for name, value in values.items()})
+def _report(robot: _Robot, samples: int, seed: int, rows: list[ValidationRow]) -> ValidationReport:
+    packages = ("jax", "mujoco", "pin") if any(row.against == "pinocchio" for row in rows) else ("jax", "mujoco")
+    versions = {package: importlib.metadata.version(package) for package in packages}
+    tree = robot.model.tree
+    return ValidationReport(robot.name, tree.nbody, tree.nq, tree.nv, samples, seed, tuple(rows), _notes(robot), versions)
 
 
 def _notes(robot: _Robot) -> tuple[str, ...]:
