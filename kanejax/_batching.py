@@ -11,7 +11,7 @@ A kernel is a pure function of arrays that may have one trailing batch axis, of 
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, final
 
 import jax
@@ -24,6 +24,7 @@ from jax.interpreters import ad, batching, mlir
 CHUNK = 256
 
 Arrays = tuple[jax.Array, ...]
+Shapes = tuple[jax.ShapeDtypeStruct, ...]
 
 
 def call(function: Callable[..., Arrays], static: tuple, operands: Arrays) -> list[jax.Array]:
@@ -42,6 +43,10 @@ class Function:
     def __call__(self, *operands: jax.Array) -> Arrays:
         """Evaluate."""
         return self.function(*self.static, *operands)
+
+    def shapes(self, operands: Shapes) -> Shapes:
+        """Of the results for one state: found by tracing, once."""
+        return _traced_shapes(self, operands)
 
     def linear_operands(self, total: int) -> tuple[int, ...]:
         """Operands in which the results are linear, jointly: none."""
@@ -68,6 +73,10 @@ class Tangent:
         pairs = [jnp.broadcast_arrays(x, t) for x, t in zip(at, operands[self.count :], strict=True)]
         return jax.jvp(along, tuple(x for x, _ in pairs), tuple(t for _, t in pairs))[1]
 
+    def shapes(self, operands: Shapes) -> Shapes:
+        """Those of the kernel's results."""
+        return self.kernel.shapes(operands[: self.count])
+
     def linear_operands(self, total: int) -> tuple[int, ...]:
         """The tangents, and what the kernel is linear in."""
         return (*self.kernel.linear_operands(self.count), *range(self.count, total))
@@ -93,6 +102,10 @@ class Transpose:
         cotangents = zip(operands[self.count :], results, strict=True)
         return pull_back(tuple(jnp.broadcast_to(c, r.shape) for c, r in cotangents))
 
+    def shapes(self, operands: Shapes) -> Shapes:
+        """Those of what the gradients are of."""
+        return tuple(operands[i] for i in self.varied)
+
     def linear_operands(self, total: int) -> tuple[int, ...]:
         """The cotangents, and what the kernel is linear in."""
         return (*self.kernel.linear_operands(self.count), *range(self.count, total))
@@ -100,6 +113,17 @@ class Transpose:
     def owners(self, total: int) -> tuple[int, ...] | None:
         """The operands that are varied."""
         return self.varied
+
+
+@functools.lru_cache(maxsize=1024)
+def _traced_shapes(kernel: Function, operands: Shapes) -> Shapes:
+    return tuple(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in jax.eval_shape(kernel, *operands))
+
+
+def _of_one(operands: Sequence[Any], batched: tuple) -> Shapes:
+    """Shapes without the batch axis, which comes first where there is one."""
+    moving = batched or (False,) * len(operands)
+    return tuple(jax.ShapeDtypeStruct(x.shape[moves:], x.dtype) for x, moves in zip(operands, moving, strict=True))
 
 
 def _vary(derivative: Tangent | Transpose, operands: Arrays) -> tuple[Callable[..., Arrays], Arrays]:
@@ -140,8 +164,8 @@ def _run(*operands: jax.Array, kernel: Any, size: int | None, batched: tuple, su
         sums = [r for r, adds in zip(results, summed, strict=True) if adds]
         return [t + r for t, r in zip(total, sums, strict=True)], [r for r, adds in zip(results, summed, strict=True) if not adds]
 
-    whole = jax.eval_shape(functools.partial(_run_chunk, kernel=kernel, size=size, batched=batched, summed=summed), operands)
-    zeros = [jnp.zeros(s.shape, s.dtype) for s, adds in zip(whole, summed, strict=True) if adds]
+    of_one = kernel.shapes(_of_one(operands, batched))
+    zeros = [jnp.zeros(x.shape, x.dtype) for x, adds in zip(of_one, summed, strict=True) if adds]
     sums, columns = lax.scan(piece, zeros, rows)
     totals, columns = iter(sums), iter([c.reshape(-1, *c.shape[2:])[:size] for c in columns])
     return [next(totals) if adds else next(columns) for adds in summed]
@@ -180,27 +204,25 @@ def _compiled(params: tuple) -> Callable[..., list[jax.Array]]:
 
 
 @kernel_call.def_abstract_eval
-def _shapes(*operands: Any, **params: Any) -> list[Any]:
-    results = jax.eval_shape(
-        functools.partial(_run, chunk=None, **params), *(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in operands)
-    )
-    return [ShapedArray(r.shape, r.dtype) for r in results]
+def _shapes(*operands: Any, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> list[Any]:
+    of_one = kernel.shapes(_of_one(operands, batched))
+    if size is None:
+        return [ShapedArray(x.shape, x.dtype) for x in of_one]
+    return [ShapedArray(x.shape if adds else (size, *x.shape), x.dtype) for x, adds in zip(of_one, summed, strict=True)]
 
 
-def _batch(operands: Arrays, dims: tuple, *, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> tuple:
+def _batch(operands: tuple, dims: tuple, *, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> tuple:
     length = next(x.shape[d] for x, d in zip(operands, dims, strict=True) if d is not None)
     if size is not None:
         return _batch_again(operands, dims, length, kernel=kernel, size=size, batched=batched, summed=summed)
     moving = tuple(d is not None for d in dims)
     first = [jnp.moveaxis(x, d, 0) if moves else x for x, d, moves in zip(operands, dims, moving, strict=True)]
-    count = len(
-        jax.eval_shape(kernel, *(jax.ShapeDtypeStruct(x.shape[moves:], x.dtype) for x, moves in zip(first, moving, strict=True)))
-    )
-    results = kernel_call.bind(*first, kernel=kernel, size=length, batched=moving, summed=(False,) * count)
-    return results, (0,) * count
+    summed = (False,) * len(kernel.shapes(_of_one(first, moving)))
+    results = kernel_call.bind(*first, kernel=kernel, size=length, batched=moving, summed=summed)
+    return results, (0,) * len(results)
 
 
-def _batch_again(operands: Arrays, dims: tuple, length: int, *, kernel: Any, size: int, batched: tuple, summed: tuple) -> tuple:
+def _batch_again(operands: tuple, dims: tuple, length: int, *, kernel: Any, size: int, batched: tuple, summed: tuple) -> tuple:
     """A batch of batches is one batch, of everything that moves in either; sums over the inner one are left to plain vmap."""
     if any(summed):
         run = functools.partial(_run, kernel=kernel, size=size, batched=batched, summed=summed, chunk=None)
@@ -218,7 +240,7 @@ def _batch_again(operands: Arrays, dims: tuple, length: int, *, kernel: Any, siz
     return [r.reshape(length, size, *r.shape[1:]) for r in results], (0,) * len(results)
 
 
-def _differentiate(primals: Arrays, tangents: tuple, *, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> tuple:
+def _differentiate(primals: tuple, tangents: tuple, *, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> tuple:
     results = kernel_call.bind(*primals, kernel=kernel, size=size, batched=batched, summed=summed)
     varied = tuple(i for i, t in enumerate(tangents) if not isinstance(t, ad.Zero))
     moving = (*batched, *(batched[i] for i in varied)) if size is not None else ()
