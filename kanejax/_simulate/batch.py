@@ -1,7 +1,8 @@
-"""Simulation of any number of trajectories, in pieces that fit the memory."""
+"""Simulation of any number of trajectories, as many at a time as fit the memory."""
 
 import contextlib
-from collections.abc import Iterator
+import dataclasses
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import equinox as eqx
@@ -11,9 +12,16 @@ import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from kanejax._model.model import Model, leaf_shapes
+from kanejax._model.specialized import Specialized
 from kanejax._simulate.checks import check_batch, check_positive
+from kanejax._simulate.segment import Segment
 from kanejax._simulate.simulate import simulate
-from kanejax._simulate.trajectory import Status, Trajectory
+from kanejax._simulate.trajectory import Array, Status, Trajectory
+
+# So many adaptive steps, then finished trajectories make room for others. Fewer cost more calls, more wait longer.
+SEGMENT = 16
+
+Runner = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, jax.Array, Trajectory]]
 
 
 class SimulationInterrupted(KeyboardInterrupt):
@@ -27,7 +35,7 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 
 def simulate_batch(
-    model: Model,
+    model: Model | Specialized,
     q0: Any,
     u0: Any,
     ts: Any,
@@ -41,8 +49,9 @@ def simulate_batch(
 ) -> Trajectory:
     """Simulate many initial states, `batch_size` of them at a time, by one compiled function.
 
-    The memory of the device holds one piece; the results are numpy arrays. A trajectory that fails does not touch the others: its
-    `status` says so. After Ctrl-C, SimulationInterrupted has the results so far, and `resume` runs what is missing.
+    The memory of the device holds those; the results are numpy arrays. With adaptive steps a trajectory that is finished makes room
+    for the next, so that none waits for one that needs more steps. A trajectory that fails does not touch the others: its `status`
+    says so. After Ctrl-C, SimulationInterrupted has the results so far, and `resume` runs what is missing.
 
     Args:
         model: the mechanism. Leaves with a leading axis of the batch's length are taken one by one: domain randomisation.
@@ -51,10 +60,11 @@ def simulate_batch(
         ts: times [s] to save, the same for all.
         control: as for `simulate`.
         control_axis: 0 if the arrays in the control or its parameters have a leading batch axis, None if all share them.
-        batch_size: trajectories at a time. With adaptive steps, those of one piece take as many steps as the one that needs most.
+        batch_size: trajectories at a time. Best a small part of all: the room that the last ones leave stays empty. With `on_event`
+            there is no making room, and all of them wait for the one that needs most steps.
         progress: show a progress bar.
         resume: the result of an interrupted call with the same arguments.
-        options: as for `simulate`, without `throw` and `dense`.
+        options: as for `simulate`, without `throw` and `dense`; `adjoint` does not matter.
 
     Returns:
         The trajectories, numpy arrays with a leading batch axis.
@@ -68,24 +78,12 @@ def simulate_batch(
         raise ValueError(f"simulate_batch does not take {', '.join(sorted(refused))}: look at the status, and save more times")
     check_positive(batch_size=batch_size)
     q0, u0 = check_batch(model, q0, u0)
-    axes = model_axes(model, len(q0))
-    # Times must be known while tracing, for equal steps, so they are a static argument.
-    times = tuple(np.asarray(ts, model.dtype).tolist())
+    run = _runner(model, q0, u0, ts, control, control_axis, options)
     results = None if resume is None else jax.tree.map(np.array, resume)
     waiting = np.arange(len(q0)) if results is None else np.flatnonzero(results.status == Status.NOT_RUN)
-    parameters, rest = eqx.partition(control, eqx.is_array)
-    batched = [leaf if axis == 0 else None for leaf, axis in zip(jax.tree.leaves(model), axes, strict=True)]
-    size = min(batch_size, len(q0))
     with _bar(len(waiting), progress) as advance:
         try:
-            for start in range(0, len(waiting), size):
-                rows = waiting[start : start + size]
-                # The last piece is filled up with copies, so that it needs no compiling.
-                padded = np.concatenate((rows, np.full(size - len(rows), rows[0])))
-                leaves = [None if leaf is None else leaf[padded] for leaf in batched]
-                chosen = jax.tree.map(lambda x: x[padded] if control_axis == 0 else x, parameters)  # noqa: B023
-                piece = _run(model, leaves, q0[padded], u0[padded], times, chosen, rest, control_axis, options)
-                piece = jax.tree.map(lambda x: np.asarray(x)[: len(rows)], piece)  # noqa: B023
+            for rows, piece in _finished(run, waiting, min(batch_size, len(q0))):
                 results = _empty(piece, len(q0)) if results is None else results
                 jax.tree.map(lambda whole, part: whole.__setitem__(rows, part), results, piece)  # noqa: B023
                 advance(len(rows))
@@ -97,35 +95,95 @@ def simulate_batch(
     return results
 
 
+def _runner(
+    model: Model | Specialized, q0: np.ndarray, u0: np.ndarray, ts: Any, control: Any, control_axis: int | None, options: dict
+) -> Runner:
+    """The function that runs trajectories given by their rows, from the state that it left them in or, if fresh, from the first."""
+    axes = model_axes(model, len(q0))
+    # Times must be known while tracing, for equal steps, so they are a static argument.
+    times = tuple(np.asarray(ts, model.dtype).tolist())
+    parameters, rest = eqx.partition(control, eqx.is_array)
+    batched = [leaf if axis == 0 else None for leaf, axis in zip(jax.tree.leaves(model), axes, strict=True)]
+    length = SEGMENT if _in_segments(options) else None
+
+    def run(rows: np.ndarray, before: Any, fresh: np.ndarray) -> tuple[Any, jax.Array, Trajectory]:
+        leaves = [None if leaf is None else leaf[rows] for leaf in batched]
+        chosen = jax.tree.map(lambda x: x[rows] if control_axis == 0 else x, parameters)
+        arguments = (model, leaves, q0[rows], u0[rows], times, chosen, rest, control_axis, options, length)
+        if before is None and length is not None:
+            shapes = eqx.filter_eval_shape(_run, *arguments, None, fresh)[0]
+            before = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+        return _run(*arguments, before, fresh)
+
+    return run
+
+
+def _finished(run: Runner, waiting: np.ndarray, size: int) -> Iterator[tuple[np.ndarray, Trajectory]]:
+    """Rows of trajectories and the trajectories, as they finish. Of `size` at a time, each makes room for one that waits."""
+    lanes = np.full(size, -1)
+    before = None
+    while True:
+        free = lanes < 0
+        taken, waiting = waiting[: np.sum(free)], waiting[np.sum(free) :]
+        lanes[np.flatnonzero(free)[: len(taken)]] = taken
+        running = lanes >= 0
+        if not np.any(running):
+            return
+        # What is left free repeats another trajectory, so that nothing compiles again.
+        before, unfinished, piece = run(np.where(running, lanes, lanes[running][0]), before, free)
+        done = running & ~np.asarray(unfinished)
+        if np.any(done):
+            yield lanes[done], jax.tree.map(lambda x: np.asarray(x)[done], piece)  # noqa: B023
+            lanes[done] = -1
+
+
 @eqx.filter_jit
 def _run(
-    model: Model,
+    model: Model | Specialized,
     batched: list,
-    q0: jax.Array,
-    u0: jax.Array,
+    q0: Array,
+    u0: Array,
     ts: tuple[float, ...],
     parameters: Any,
     rest: Any,
     control_axis: int | None,
     options: dict[str, Any],
-) -> Trajectory:
-    """Simulate one piece; of the model's leaves those in `batched` go with the trajectories."""
+    length: int | None,
+    before: Any,
+    fresh: Array,
+) -> tuple[Any, jax.Array, Trajectory]:
+    """Simulate one piece, to the end or a segment of some steps; of the model's leaves those in `batched` go with the trajectories.
+
+    Returns:
+        What the next segment goes on with, which trajectories are unfinished, and the trajectories.
+    """
     leaves, structure = jax.tree.flatten(model)
 
-    def one(own: list, q: jax.Array, u: jax.Array, parameters: Any) -> Trajectory:
+    def one(own: list, q: Array, u: Array, parameters: Any, before: Any, fresh: Array) -> Any:
         here = jax.tree.unflatten(structure, [x if y is None else y for x, y in zip(leaves, own, strict=True)])
-        return simulate(here, q, u, np.array(ts), control=eqx.combine(parameters, rest), **options)
+        given = options if length is None else {**options, "adjoint": Segment(before, fresh, length)}
+        trajectory = simulate(here, q, u, np.array(ts), control=eqx.combine(parameters, rest), **given)
+        left, unfinished = (None, jnp.asarray(False)) if length is None else trajectory.interpolation
+        return left, unfinished, dataclasses.replace(trajectory, interpolation=None)
 
-    return jax.vmap(one, in_axes=(0, 0, 0, control_axis))(batched, q0, u0, parameters)
+    return jax.vmap(one, in_axes=(0, 0, 0, control_axis, 0, 0))(batched, q0, u0, parameters, before, fresh)
 
 
-def model_axes(model: Model, length: int) -> list[int | None]:
+def _in_segments(options: dict[str, Any]) -> bool:
+    """Whether trajectories take different numbers of steps, and can be left after some; restarts after events cannot."""
+    adaptive = options.get("dt0") is None or options.get("stepsize_controller") is not None
+    return adaptive and options.get("on_event") is None
+
+
+def model_axes(model: Model | Specialized, length: int) -> list[int | None]:
     """0 for leaves of the model that have a leading batch axis, None for the others.
 
     Raises:
         ValueError: a leaf has neither the shape that the tree asks for, nor this shape behind the batch axis.
     """
     axes: list[int | None] = []
+    if isinstance(model, Specialized):
+        return axes
     for name, shape in leaf_shapes(model.tree).items():
         found = jnp.shape(getattr(model, name))
         if found not in (shape, (length, *shape)):

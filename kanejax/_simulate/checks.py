@@ -8,10 +8,11 @@ import numpy as np
 from jax.core import Tracer
 
 from kanejax._model.model import Model
+from kanejax._model.specialized import Specialized
 from kanejax._model.tree import COORDINATES, SPEEDS, Tree
 
 
-def checked_state(model: Model, q0: Any, u0: Any) -> tuple[jax.Array, jax.Array]:
+def checked_state(model: Model | Specialized, q0: Any, u0: Any) -> tuple[jax.Array, jax.Array]:
     """The initial state as arrays.
 
     Raises:
@@ -25,7 +26,7 @@ def checked_state(model: Model, q0: Any, u0: Any) -> tuple[jax.Array, jax.Array]
     return q0, u0
 
 
-def check_batch(model: Model, q0: Any, u0: Any) -> tuple[np.ndarray, np.ndarray]:
+def check_batch(model: Model | Specialized, q0: Any, u0: Any) -> tuple[np.ndarray, np.ndarray]:
     """Many initial states as numpy arrays. A value that is not finite is left to the trajectory's status.
 
     Raises:
@@ -41,7 +42,7 @@ def check_batch(model: Model, q0: Any, u0: Any) -> tuple[np.ndarray, np.ndarray]
     return q0, u0
 
 
-def _checked(model: Model, name: str, value: Any, size_name: str) -> jax.Array:
+def _checked(model: Model | Specialized, name: str, value: Any, size_name: str) -> jax.Array:
     value = value if isinstance(value, jax.Array) else np.asarray(value)
     size = getattr(model, size_name)
     if value.shape != (size,):
@@ -85,17 +86,27 @@ def check_positive(**values: Any) -> None:
             raise ValueError(f"{name} is {value}; it must be positive and finite")
 
 
-def check_within_limits(model: Model, q0: jax.Array) -> None:
+def joint_ranges(model: Model | Specialized) -> jax.Array:
+    """The model's joint ranges.
+
+    Raises:
+        ValueError: the model is specialized; what stops a simulation is no part of the dynamics that it keeps.
+    """
+    if isinstance(model, Specialized):
+        raise ValueError("a specialized model has no joint ranges; give the model itself, or an event for each limit")
+    return model.joint_range
+
+
+def check_within_limits(tree: Tree, ranges: jax.Array, q0: jax.Array) -> None:
     """Check that joints start within their ranges, so that leaving them is an event.
 
     Raises:
         ValueError: naming the first joint that starts outside.
     """
-    tree = model.tree
-    if not _known(q0) or not _known(model.joint_range):
+    if not _known(q0) or not _known(ranges):
         return
     for joint, (name, kind) in enumerate(zip(tree.joint_names, tree.joint_types, strict=True)):
-        low, high = np.asarray(model.joint_range[joint])
+        low, high = np.asarray(ranges[joint])
         value = float(q0[tree.q_start[joint]])
         if kind in ("revolute", "prismatic") and not low <= value <= high:
             raise ValueError(f"q0[{tree.q_start[joint]}] = {value} of joint {name!r} is outside of its range {low} to {high}")

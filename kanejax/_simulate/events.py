@@ -11,7 +11,9 @@ import optimistix as optx
 from kanejax._dynamics.equations_of_motion import forward_dynamics
 from kanejax._kinematics.coordinate_rates import unit_quaternions
 from kanejax._model.model import Model
+from kanejax._model.specialized import Specialized
 from kanejax._model.tree import Tree
+from kanejax._simulate.checks import check_within_limits, joint_ranges
 from kanejax._types import Coordinates, Speeds
 
 JOINT_LIMIT = "joint limit"
@@ -50,17 +52,20 @@ class Falling(eqx.Module):
 
 
 def as_conditions(
-    model: Model, events: Any, joint_limits: bool, need_direction: bool
+    model: Model | Specialized, q0: jax.Array, events: Any, joint_limits: bool, need_direction: bool
 ) -> tuple[tuple[Falling, ...], tuple[str, ...]]:
     """Conditions for diffrax, and the event's name for each.
 
     Raises:
         TypeError: `events` is neither a function, a StateEvent, nor a mapping of names to those.
-        ValueError: `need_direction`, and an event has none: the restart would look like another crossing.
+        ValueError: `need_direction`, and an event has none: the restart would look like another crossing. `joint_limits`, and the
+            model has no ranges, or q0 is outside of one.
     """
     named: dict[str, Any] = dict(events) if isinstance(events, Mapping) else {} if events is None else {"event": events}
     if joint_limits:
-        named = {JOINT_LIMIT: StateEvent(_LimitDistance(model.joint_range, model.tree), "falling"), **named}
+        ranges = joint_ranges(model)
+        check_within_limits(model.tree, ranges, q0)
+        named = {JOINT_LIMIT: StateEvent(_LimitDistance(ranges, model.tree), "falling"), **named}
     conditions, names = [], []
     for name, event in named.items():
         if not callable(event) and not isinstance(event, StateEvent):

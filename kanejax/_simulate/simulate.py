@@ -13,9 +13,11 @@ from jax.core import Tracer
 
 from kanejax._kinematics.coordinate_rates import unit_quaternions
 from kanejax._model.model import Model
-from kanejax._simulate.checks import check_positive, check_within_limits, checked_state, checked_times
+from kanejax._model.specialized import Specialized
+from kanejax._simulate.checks import check_positive, checked_state, checked_times
 from kanejax._simulate.control import Controlled, TorqueTable, as_control, check_control
 from kanejax._simulate.events import as_conditions
+from kanejax._simulate.runge_kutta import ExplicitRungeKutta
 from kanejax._simulate.solve import Settings, solve, solve_fixed, solve_restarting
 from kanejax._simulate.system import system
 from kanejax._simulate.trajectory import Trajectory, raise_unless_ok
@@ -25,7 +27,7 @@ _UNSET = diffrax.with_stepsize_controller_tols(optx.Chord)().rtol
 
 
 def simulate(
-    model: Model,
+    model: Model | Specialized,
     q0: Any,
     u0: Any,
     ts: Any,
@@ -51,9 +53,8 @@ def simulate(
     parameters and the events can be differentiated, and failing is a value in the result, so that in a batch one bad trajectory
     harms no other.
 
-    Batches: `jax.vmap` over any of the arguments, or `simulate_batch` for any number in constant memory. Under vmap adaptive steps
-    go in lock-step: each trajectory has its own step size, but all of them take as many steps as the one that needs most. Batch
-    trajectories that are alike, loosen the tolerances for the few that are hard, or use equal steps, which waste nothing.
+    Batches: `jax.vmap` over any of the arguments, where all trajectories take as many adaptive steps as the one that needs most;
+    or `simulate_batch`, without derivatives, for any number in constant memory, where none waits for another.
 
     Gradients: reverse mode works with the defaults. With equal steps it keeps the states of all stages, about 1 kB a step for an
     arm with seven joints; for long simulations `adjoint=diffrax.RecursiveCheckpointAdjoint()` keeps few and evaluates the others
@@ -61,7 +62,7 @@ def simulate(
     `adjoint=diffrax.ForwardMode()`. `diffrax.DirectAdjoint()` has both modes for adaptive steps, but pays for `max_steps` steps.
 
     Args:
-        model: the mechanism.
+        model: the mechanism; a specialized one has no joint limits.
         q0: generalized coordinates at the first time; quaternions (w, x, y, z) are normalised.
         u0: generalized speeds at the first time.
         ts: times [s] to save, strictly increasing; the simulation starts at the first and ends at the last.
@@ -97,32 +98,26 @@ def simulate(
     q0, u0 = checked_state(model, q0, u0)
     ts = checked_times(ts, model.dtype)
     check_positive(dt0=dt0, rtol=rtol, atol=atol, max_steps=max_steps, max_events=max_events)
-    if joint_limits:
-        check_within_limits(model, q0)
     control = as_control(control)
     check_control(control, jnp.asarray(ts[0]), q0, u0)
     if on_event is not None and (dense or not (joint_limits or events)):
         raise ValueError("on_event needs events or joint_limits, and cannot be combined with dense")
-    conditions, names = as_conditions(model, events, joint_limits, need_direction=on_event is not None)
-    rtol = _tolerance(rtol, 1e-6, 1e-4, model.dtype)
-    atol = _tolerance(atol, 1e-8, 1e-6, model.dtype)
+    conditions, names = as_conditions(model, q0, events, joint_limits, need_direction=on_event is not None)
     plain = stepsize_controller is None and adjoint is None and not conditions and not dense
     substeps = _substeps(ts, dt0) if plain else None
+    rtol, atol = _tolerance(rtol, 1e-6, 1e-4, model.dtype), _tolerance(atol, 1e-8, 1e-6, model.dtype)
     if stepsize_controller is None:
         stepsize_controller = _controller(control, dt0, rtol, atol, ts)
-    if solver is None:
-        solver = diffrax.Tsit5()
-    solver = _prepared_solver(solver, stepsize_controller, rtol, atol)
+    solver = _prepared_solver(diffrax.Tsit5() if solver is None else solver, stepsize_controller, rtol, atol)
     adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
-    ts = jnp.asarray(ts)
     settings = Settings(solver, stepsize_controller, adjoint, conditions, dt0, max_steps, dense)
-    trajectory = _simulate(model, q0, u0, ts, control, settings, substeps, on_event, max_events, names)
+    trajectory = _simulate(model, q0, u0, jnp.asarray(ts), control, settings, substeps, on_event, max_events, names)
     return raise_unless_ok(trajectory) if throw else trajectory
 
 
 @eqx.filter_jit
 def _simulate(
-    model: Model,
+    model: Model | Specialized,
     q0: jax.Array,
     u0: jax.Array,
     ts: jax.Array,
@@ -191,6 +186,8 @@ def _prepared_solver(
     solver: diffrax.AbstractSolver, controller: diffrax.AbstractStepSizeController, rtol: Any, atol: Any
 ) -> diffrax.AbstractSolver:
     """Loop over the stages so that forward and reverse mode both work, and give an implicit solver the tolerances it lacks."""
+    if isinstance(solver, diffrax.AbstractERK):
+        return ExplicitRungeKutta(solver)
     if getattr(solver, "scan_kind", "") is None:
         solver = eqx.tree_at(lambda s: s.scan_kind, solver, "bounded", is_leaf=lambda x: x is None)
     adaptive = isinstance(controller, diffrax.AbstractAdaptiveStepSizeController)

@@ -7,10 +7,11 @@ import jax
 import jax.numpy as jnp
 
 from kanejax._dynamics.equations_of_motion import _forward_dynamics
-from kanejax._evaluate import evaluate_prepared
+from kanejax._evaluate import evaluate_prepared, prepare_once
 from kanejax._kinematics.coordinate_rates import kinematical_rates, unit_quaternions
 from kanejax._model.model import Model
-from kanejax._model.prepared import Prepared, prepare
+from kanejax._model.prepared import Prepared
+from kanejax._model.specialized import Specialized
 from kanejax._model.tree import Tree
 from kanejax._scalar import barrier
 from kanejax._simulate.control import Controlled
@@ -20,7 +21,7 @@ from kanejax._simulate.control import Controlled
 class System(eqx.Module):
     """What the rates depend on besides time and state: diffrax's `args`. The links' parameters are computed once."""
 
-    prepared: Prepared
+    prepared: Prepared | Specialized
     control: Controlled
     tree: Tree = eqx.field(static=True)
 
@@ -29,9 +30,9 @@ class System(eqx.Module):
         return unit_quaternions(self.tree, y[..., : self.tree.nq]), y[..., self.tree.nq :]
 
 
-def system(model: Model, control: Controlled) -> System:
+def system(model: Model | Specialized, control: Controlled) -> System:
     """Prepare a model for many evaluations."""
-    return System(prepare(model), control, model.tree)
+    return System(prepare_once(model), control, model.tree)
 
 
 def rates(t: Any, y: Any, system: Any) -> jax.Array:

@@ -27,6 +27,42 @@ def test_pieces_agree_with_vmap_and_failures_stay_alone(pendulum, capsys):
     assert "7/7" in capsys.readouterr().out
 
 
+def hard_and_easy():
+    """States of which every other takes many steps."""
+    q0, u0 = states(6)
+    u0[::2] *= 30.0
+    return q0, u0
+
+
+HOLD = kj.TorqueTable(np.array([0.0, 0.11, 0.25]), np.array([[2.0, 0], [-1, 1], [0, -1]]), "hold")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"joint_limits": True, "max_steps": 60}, {"control": HOLD}],
+    ids=["events", "jumps"],
+)
+def test_segments_agree_with_whole_trajectories(pendulum, monkeypatch, options):
+    monkeypatch.setattr(batch, "SEGMENT", 5)
+    q0, u0 = hard_and_easy()
+    found = kj.simulate_batch(pendulum, q0, u0, TS, batch_size=4, **options)
+    expected = jax.vmap(lambda q, u: kj.simulate(pendulum, q, u, TS, **options))(jnp.asarray(q0), jnp.asarray(u0))
+    assert found.interpolation is None
+    if "max_steps" in options:
+        assert set(found.status) == {kj.Status.SUCCESSFUL, kj.Status.EVENT, kj.Status.MAX_STEPS}
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-12)
+
+
+def test_easy_trajectories_do_not_wait_for_hard_ones(pendulum, monkeypatch):
+    run, calls = batch._run, []
+    monkeypatch.setattr(batch, "SEGMENT", 5)
+    monkeypatch.setattr(batch, "_run", lambda *args: calls.append(1) or run(*args))
+    q0, u0 = hard_and_easy()
+    steps = kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2).stats["num_steps"]
+    assert 3 < len(calls) < np.sum(np.max(steps.reshape(3, 2), axis=1)) / 5
+
+
 def test_leaves_and_controls_can_be_batched(pendulum):
     q0, u0 = states(5)
     mass = pendulum.mass[None] * jnp.linspace(0.8, 1.2, 5)[:, None]

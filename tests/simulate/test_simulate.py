@@ -95,6 +95,19 @@ def test_single_precision_stays_single(pendulum):
     np.testing.assert_allclose(trajectory.q, kj.simulate(pendulum, Q0, U0, ts).q, atol=2e-3)
 
 
+def test_a_specialized_model_moves_alike_and_has_no_joint_limits(pendulum):
+    frozen, ts = kj.specialize(pendulum), np.linspace(0, 0.3, 3)
+    a, b = (kj.simulate(model, Q0, U0, ts, control=lambda t, q, u: -u) for model in (pendulum, frozen))
+    np.testing.assert_allclose(a.q, b.q, rtol=1e-12)
+    np.testing.assert_allclose(a.u, b.u, rtol=1e-12)
+    q0, u0 = np.stack((Q0, -Q0, U0)), np.stack((U0, U0, Q0))
+    a, b = (kj.simulate_batch(model, q0, u0, ts, batch_size=2, dt0=0.02) for model in (pendulum, frozen))
+    np.testing.assert_allclose(a.q, b.q, rtol=1e-12)
+    np.testing.assert_allclose(a.u, b.u, rtol=1e-12)
+    with pytest.raises(ValueError, match="a specialized model has no joint ranges; give the model itself"):
+        kj.simulate(frozen, Q0, U0, ts, joint_limits=True)
+
+
 def kernels(jaxpr):
     """How many times a program has the dynamics."""
 
