@@ -2,7 +2,8 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Iterator
 from typing import Any
 
 import equinox as eqx
@@ -14,14 +15,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from kanejax._model.model import Model, leaf_shapes
 from kanejax._model.specialized import Specialized
 from kanejax._simulate.checks import check_batch, check_positive
+from kanejax._simulate.lanes import Runner, finished
 from kanejax._simulate.segment import Segment
 from kanejax._simulate.simulate import simulate
 from kanejax._simulate.trajectory import Array, Status, Trajectory
 
 # So many adaptive steps, then finished trajectories make room for others. Fewer cost more calls, more wait longer.
 SEGMENT = 16
-
-Runner = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, jax.Array, Trajectory]]
 
 
 class SimulationInterrupted(KeyboardInterrupt):
@@ -43,6 +43,7 @@ def simulate_batch(
     control: Any = None,
     control_axis: int | None = None,
     batch_size: int = 256,
+    threads: int | None = None,
     progress: bool = False,
     resume: Trajectory | None = None,
     **options: Any,
@@ -62,6 +63,8 @@ def simulate_batch(
         control_axis: 0 if the arrays in the control or its parameters have a leading batch axis, None if all share them.
         batch_size: trajectories at a time. Best a small part of all: the room that the last ones leave stays empty. With `on_event`
             there is no making room, and all of them wait for the one that needs most steps.
+        threads: how many of these run side by side, each with `batch_size` of its own. By default one for each processor core, and
+            one where an accelerator computes.
         progress: show a progress bar.
         resume: the result of an interrupted call with the same arguments.
         options: as for `simulate`, without `throw` and `dense`; `adjoint` does not matter.
@@ -76,14 +79,16 @@ def simulate_batch(
     refused = {"throw", "dense"} & set(options)
     if refused:
         raise ValueError(f"simulate_batch does not take {', '.join(sorted(refused))}: look at the status, and save more times")
-    check_positive(batch_size=batch_size)
+    check_positive(batch_size=batch_size, threads=threads)
     q0, u0 = check_batch(model, q0, u0)
     run = _runner(model, q0, u0, ts, control, control_axis, options)
     results = None if resume is None else jax.tree.map(np.array, resume)
     waiting = np.arange(len(q0)) if results is None else np.flatnonzero(results.status == Status.NOT_RUN)
+    size = min(batch_size, len(q0))
+    threads = min(_cores() if threads is None else threads, max(1, -(-len(waiting) // size)))
     with _bar(len(waiting), progress) as advance:
         try:
-            for rows, piece in _finished(run, waiting, min(batch_size, len(q0))):
+            for rows, piece in finished(run, waiting, size, threads):
                 results = _empty(piece, len(q0)) if results is None else results
                 jax.tree.map(lambda whole, part: whole.__setitem__(rows, part), results, piece)  # noqa: B023
                 advance(len(rows))
@@ -93,6 +98,11 @@ def simulate_batch(
             raise SimulationInterrupted(results) from error
     assert results is not None
     return results
+
+
+def _cores() -> int:
+    """Threads that are worth starting: XLA runs one call on one core of a CPU."""
+    return (getattr(os, "process_cpu_count", os.cpu_count)() or 1) if jax.default_backend() == "cpu" else 1
 
 
 def _runner(
@@ -116,25 +126,6 @@ def _runner(
         return _run(*arguments, before, fresh)
 
     return run
-
-
-def _finished(run: Runner, waiting: np.ndarray, size: int) -> Iterator[tuple[np.ndarray, Trajectory]]:
-    """Rows of trajectories and the trajectories, as they finish. Of `size` at a time, each makes room for one that waits."""
-    lanes = np.full(size, -1)
-    before = None
-    while True:
-        free = lanes < 0
-        taken, waiting = waiting[: np.sum(free)], waiting[np.sum(free) :]
-        lanes[np.flatnonzero(free)[: len(taken)]] = taken
-        running = lanes >= 0
-        if not np.any(running):
-            return
-        # What is left free repeats another trajectory, so that nothing compiles again.
-        before, unfinished, piece = run(np.where(running, lanes, lanes[running][0]), before, free)
-        done = running & ~np.asarray(unfinished)
-        if np.any(done):
-            yield lanes[done], jax.tree.map(lambda x: np.asarray(x)[done], piece)  # noqa: B023
-            lanes[done] = -1
 
 
 @eqx.filter_jit

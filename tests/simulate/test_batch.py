@@ -1,3 +1,5 @@
+import contextlib
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -90,14 +92,49 @@ def test_an_interrupted_batch_is_resumed(pendulum, monkeypatch):
 
     monkeypatch.setattr(batch, "_run", interrupted)
     with pytest.raises(kj.SimulationInterrupted, match="1 of 5 trajectories were not run") as caught:
-        kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, dt0=0.02)
+        kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, threads=1, dt0=0.02)
     partial = caught.value.trajectory
     assert list(partial.status) == [0, 0, 0, 0, kj.Status.NOT_RUN]
     assert np.isnan(partial.q[4]).all()
-    whole = kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, dt0=0.02, resume=partial)
+    whole = kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, threads=1, dt0=0.02, resume=partial)
     assert len(calls) == 4
     assert whole.ok.all()
     np.testing.assert_array_equal(whole.q[:4], partial.q[:4])
+
+
+def test_threads_share_the_trajectories(pendulum):
+    q0, u0 = states(23)
+    one, three = (kj.simulate_batch(pendulum, q0, u0, TS, batch_size=3, threads=threads) for threads in (1, 3))
+    assert three.ok.all()
+    np.testing.assert_allclose(three.q, one.q, rtol=1e-12)
+
+
+def test_an_interrupt_stops_all_threads(pendulum, monkeypatch):
+    q0, u0 = states(40)
+
+    @contextlib.contextmanager
+    def bar(total, show):
+        def advance(count):
+            raise KeyboardInterrupt
+
+        yield advance
+
+    monkeypatch.setattr(batch, "_bar", bar)
+    with pytest.raises(kj.SimulationInterrupted) as caught:
+        kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, threads=2)
+    monkeypatch.undo()
+    partial = caught.value.trajectory
+    assert 0 < np.sum(partial.status == kj.Status.NOT_RUN) < 40
+    assert kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, threads=2, resume=partial).ok.all()
+
+
+def test_an_error_in_a_thread_is_raised(pendulum, monkeypatch):
+    def fail(*args):
+        raise RuntimeError("out of memory")
+
+    monkeypatch.setattr(batch, "_run", fail)
+    with pytest.raises(RuntimeError, match="out of memory"):
+        kj.simulate_batch(pendulum, *states(8), TS, batch_size=2, threads=2, dt0=0.02)
 
 
 def test_one_compilation_serves_every_piece(pendulum):
