@@ -10,7 +10,7 @@ from jax.core import Tracer
 from kanejax import _batching
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, batch_shape, prepare
-from kanejax._model.specialized import Specialized
+from kanejax._model.specialized import PartlyPrepared, Specialized
 from kanejax._model.tree import Tree
 
 
@@ -22,7 +22,7 @@ def check_state(model: Model | Specialized, **state: Any) -> None:
     """
     for name, value in state.items():
         size = model.nq if name == "q" else model.nv
-        shape, dtype = jnp.shape(value), jnp.result_type(value)
+        shape, dtype = jnp.shape(value), jnp.asarray(value).dtype
         if shape != (size,):
             label = "nq" if name == "q" else "nv"
             hint = " (batches go through jax.vmap)" if len(shape) > 1 else ""
@@ -38,20 +38,22 @@ def evaluate(function: Callable[..., Any], model: Model | Specialized, *state: j
     return evaluate_prepared(function, model.tree, prepare_once(model), *state)
 
 
-def prepare_once(model: Model | Specialized) -> Prepared | Specialized:
+def prepare_once(model: Model | Specialized) -> Prepared | PartlyPrepared:
     """What `evaluate_prepared` needs of a model; constants, if the leaves are, so that no program computes them again."""
-    if isinstance(model, Specialized):
-        return model
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(model)):
-        return prepare(model)
+        return _prepare(model)
     with jax.ensure_compile_time_eval():
         return _prepare_now(model)
 
 
-_prepare_now = jax.jit(prepare)
+def _prepare(model: Model | Specialized) -> Prepared | PartlyPrepared:
+    return model.prepare() if isinstance(model, Specialized) else prepare(model)
 
 
-def evaluate_prepared(function: Callable[..., Any], tree: Tree, prepared: Prepared | Specialized, *state: jax.Array) -> Any:
+_prepare_now = jax.jit(_prepare)
+
+
+def evaluate_prepared(function: Callable[..., Any], tree: Tree, prepared: Prepared | PartlyPrepared, *state: jax.Array) -> Any:
     """The same with parameters that were prepared before, for many evaluations on one model."""
     operands, structure = jax.tree.flatten((prepared, tuple(jnp.asarray(x) for x in state)))
     results = _batching.call(_unflatten, (function, tree, structure), tuple(operands))
@@ -60,8 +62,9 @@ def evaluate_prepared(function: Callable[..., Any], tree: Tree, prepared: Prepar
 
 def _unflatten(function: Callable, tree: Tree, structure: Any, *operands: jax.Array) -> tuple:
     prepared, state = jax.tree.unflatten(structure, operands)
-    frozen = isinstance(prepared, Specialized)
-    batch = jnp.broadcast_shapes(() if frozen else batch_shape(prepared), *(x.shape[1:] for x in state))
-    prepared = prepared.constants(state[0]) if frozen else prepared
+    own = prepared.kept if isinstance(prepared, PartlyPrepared) else prepared
+    batch = jnp.broadcast_shapes(batch_shape(own), *(x.shape[1:] for x in state))
+    if isinstance(prepared, PartlyPrepared):
+        prepared = prepared.constants.join(prepared.kept, state[0])
     result = function(tree, prepared, *(jnp.broadcast_to(x, x.shape[:1] + batch) for x in state))
     return result if isinstance(result, tuple) else (result,)

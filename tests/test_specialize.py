@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import mujoco
+import numpy as np
 import pytest
 
 import kanejax as kj
@@ -35,7 +36,59 @@ def test_it_has_no_leaves_and_keeps_the_data_type():
     frozen = kj.specialize(model)
     assert not jax.tree.leaves(frozen)
     zero = jnp.zeros(2, jnp.float32)
-    assert kj.inverse_dynamics(frozen, zero, zero, zero).dtype == jnp.float32
+    for function in (kj.inverse_dynamics, kj.forward_dynamics):
+        assert function(frozen, zero, zero, zero).dtype == jnp.float32
+
+
+def shuffled(seed, kinds=("hinge", "slide", "ball")):
+    mj = mujoco.MjModel.from_xml_string(random_tree(seed, 4, kinds))
+    return kj.from_mujoco(mj), [jnp.asarray(x) for x in random_states(mj, 3)]
+
+
+@pytest.mark.parametrize("keep", [("mass", "com", "central_inertia"), ("joint_axis",), ("gravity", "armature", "stiffness")])
+def test_kept_leaves_are_parameters(keep):
+    model, states = shuffled(8)
+    some = kj.specialize(model, keep)
+    rng = np.random.default_rng(0)
+    values = {name: getattr(model, name) * (1 + 0.1 * rng.uniform(size=np.shape(getattr(model, name)))) for name in keep}
+
+    def loss(change, values):
+        return sum(jnp.sum(x) for x in jax.vmap(everything, (None, 0, 0, 0))(change(**values), *states))
+
+    found = jax.jit(jax.value_and_grad(lambda values: loss(some.replace, values)))(values)
+    expected = jax.jit(jax.value_and_grad(lambda values: loss(model.replace, values)))(values)
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        assert relative(a, b) < 1e-9
+
+
+def test_kept_leaves_can_be_batched():
+    model, (q, u, other) = shuffled(9)
+    some, masses = kj.specialize(model, ["mass"]), model.mass[None, :] * jnp.array([[1.0], [2.0], [0.5]])
+    found = jax.vmap(lambda mass, *x: kj.forward_dynamics(some.replace(mass=mass), *x))(masses, q, u, other)
+    expected = jax.vmap(lambda mass, *x: kj.forward_dynamics(model.replace(mass=mass), *x))(masses, q, u, other)
+    assert relative(found, expected) < 1e-9
+
+
+def test_changing_a_kept_leaf_does_not_compile_again():
+    model, (q, u, other) = shuffled(9)
+    some, traced = kj.specialize(model, ["mass"]), []
+
+    @jax.jit
+    def call(some, *x):
+        traced.append(1)
+        return kj.inverse_dynamics(some, *x)
+
+    first = call(some, q[0], u[0], other[0])
+    assert not np.allclose(call(some.replace(mass=2 * model.mass), q[0], u[0], other[0]), first)
+    assert len(traced) == 1
+
+
+def test_unknown_leaves_are_named():
+    model, _ = shuffled(1)
+    with pytest.raises(kj.UnknownNameError, match=r"no leaf of a model is named 'weight'; the names are: 'gravity'"):
+        kj.specialize(model, ["weight"])
+    with pytest.raises(kj.UnknownNameError, match=r"no kept leaf is named 'com'; the names are: 'mass'"):
+        kj.specialize(model, ["mass"]).replace(com=model.com)
 
 
 def test_traced_models_are_refused():

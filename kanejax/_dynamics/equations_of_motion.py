@@ -5,6 +5,7 @@ Functions take the model and one state; `jax.vmap` makes a batch of them.
 
 import functools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -18,7 +19,6 @@ from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, displacement
 from kanejax._model.specialized import Specialized
 from kanejax._model.tree import Tree
-from kanejax._recursion.rows import is_frozen
 from kanejax._types import Coordinates, Forces, Speeds
 
 
@@ -120,47 +120,38 @@ def _inertia_force(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, u
 
 
 def _forward_dynamics(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, tau: jax.Array) -> jax.Array:
-    if is_frozen(prepared.links):
-        # Constants must not become traced arguments of the derivative rule.
-        return _solve_motion(tree, _Constants(prepared), None, q, u, tau)
-    return _solve_motion(tree, None, prepared, q, u, tau)
+    # Constants must not become traced arguments of the derivative rule.
+    traced, known = eqx.partition(prepared, lambda x: isinstance(x, jax.Array))
+    return _solve_motion(tree, _Known(known), traced, q, u, tau)
 
 
-class _Constants:
-    """Frozen parameters, as an argument that is compared by identity."""
+class _Known:
+    """Parameters that are constants, None in place of the others, as an argument that is compared by identity."""
 
     def __init__(self, prepared: Prepared) -> None:
         self.prepared = prepared
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def _solve_motion(
-    tree: Tree, constants: _Constants | None, prepared: Prepared | None, q: jax.Array, u: jax.Array, tau: jax.Array
-) -> jax.Array:
-    known = _known(constants, prepared)
-    force = tau + _passive_force(tree, known, q, u)
-    relative = displacement(tree, known, q)
-    armature = jnp.broadcast_to(known.armature, u.shape)
-    return articulated_inertia.forward_dynamics(tree, known.links, known.gravity, armature, relative, u, force)
-
-
-def _known(constants: _Constants | None, prepared: Prepared | None) -> Prepared:
-    found = prepared if constants is None else constants.prepared
-    assert found is not None
-    return found
+def _solve_motion(tree: Tree, known: _Known, traced: Prepared, q: jax.Array, u: jax.Array, tau: jax.Array) -> jax.Array:
+    prepared = eqx.combine(traced, known.prepared)
+    force = tau + _passive_force(tree, prepared, q, u)
+    relative = displacement(tree, prepared, q)
+    armature = jnp.broadcast_to(prepared.armature, u.shape)
+    return articulated_inertia.forward_dynamics(tree, prepared.links, prepared.gravity, armature, relative, u, force)
 
 
 @_solve_motion.defjvp
-def _implicit_derivative(tree: Tree, constants: _Constants | None, primals: tuple, tangents: tuple) -> tuple[jax.Array, jax.Array]:
+def _implicit_derivative(tree: Tree, known: _Known, primals: tuple, tangents: tuple) -> tuple[jax.Array, jax.Array]:
     """Differentiate inverse_dynamics(q, u, u_dot) = tau: F u_dot' = tau' - what the force changes at fixed u_dot."""
-    prepared, q, u, tau = primals
-    known = _known(constants, prepared)
-    armature = jnp.broadcast_to(known.armature, u.shape)
-    factor = articulated_inertia.factorize(tree, known.links, armature, displacement(tree, known, q))
-    u_dot = articulated_inertia.solve(tree, factor, tau - _inverse_dynamics(tree, known, q, u, jnp.zeros_like(u)))
+    traced, q, u, tau = primals
+    prepared = eqx.combine(traced, known.prepared)
+    armature = jnp.broadcast_to(prepared.armature, u.shape)
+    factor = articulated_inertia.factorize(tree, prepared.links, armature, displacement(tree, prepared, q))
+    u_dot = articulated_inertia.solve(tree, factor, tau - _inverse_dynamics(tree, prepared, q, u, jnp.zeros_like(u)))
 
-    def needed(prepared: Prepared | None, q: jax.Array, u: jax.Array) -> jax.Array:
-        return _inverse_dynamics(tree, _known(constants, prepared), q, u, u_dot)
+    def needed(traced: Prepared, q: jax.Array, u: jax.Array) -> jax.Array:
+        return _inverse_dynamics(tree, eqx.combine(traced, known.prepared), q, u, u_dot)
 
-    change = jax.jvp(needed, (prepared, q, u), tangents[:3])[1]
+    change = jax.jvp(needed, (traced, q, u), tangents[:3])[1]
     return u_dot, articulated_inertia.solve(tree, factor, tangents[3] - change)

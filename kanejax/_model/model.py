@@ -32,7 +32,7 @@ class Model(eqx.Module):
         stiffness: of the joint's spring; for ball joints against the rotation vector, for free joints both parts.
         spring_reference: coordinates at which the springs are relaxed.
         coordinate_reference: coordinates of revolute and prismatic joints in the pose that body_position describes.
-        coulomb_friction: greatest friction force or torque of each speed, opposing it as tanh(u / friction_width).
+        coulomb_friction: greatest friction force or torque of each speed, opposing it as u / sqrt(u^2 + friction_width^2).
         friction_width: speed over which the friction builds up.
         joint_range: least and greatest coordinate of revolute and prismatic joints, infinite where there is none.
     """
@@ -90,7 +90,9 @@ class Model(eqx.Module):
         return self.mass.dtype
 
     def astype(self, dtype: jax.typing.DTypeLike) -> "Model":
-        """The same model with leaves of another data type."""
+        """The same model with leaves of another data type, float32 or float64."""
+        if jnp.dtype(dtype) not in (jnp.float32, jnp.float64):
+            raise ValueError(f"a model cannot have leaves of type {jnp.dtype(dtype)}; use float32 or float64")
         return jax.tree.map(lambda leaf: leaf.astype(dtype), self)
 
     def body(self, name: str) -> "view.BodyView":

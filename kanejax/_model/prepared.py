@@ -44,10 +44,10 @@ def prepare(model: Model) -> Prepared:
 
 
 def batch_shape(prepared: Prepared) -> tuple[int, ...]:
-    """The trailing batch axes of all parameters together."""
+    """The trailing batch axes of all parameters together; those that are None have none."""
     rotation, position, mass, first_moment, inertia = prepared.links
-    shapes = [rotation.shape[3:], position.shape[2:], mass.shape[1:], first_moment.shape[2:], inertia.shape[2:]]
-    return jnp.broadcast_shapes(*shapes, *(x.shape[1:] for x in prepared[1:]))
+    own_axes = [(rotation, 3), (position, 2), (mass, 1), (first_moment, 2), (inertia, 2), *((x, 1) for x in prepared[1:])]
+    return np.broadcast_shapes(*(x.shape[own:] for x, own in own_axes if x is not None))
 
 
 def displacement(tree: Tree, prepared: Prepared, q: jax.Array) -> jax.Array:

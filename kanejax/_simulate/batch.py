@@ -173,10 +173,10 @@ def model_axes(model: Model | Specialized, length: int) -> list[int | None]:
         ValueError: a leaf has neither the shape that the tree asks for, nor this shape behind the batch axis.
     """
     axes: list[int | None] = []
-    if isinstance(model, Specialized):
-        return axes
-    for name, shape in leaf_shapes(model.tree).items():
-        found = jnp.shape(getattr(model, name))
+    shapes = leaf_shapes(model.tree)
+    leaves = dict(sorted(model.kept.items())) if isinstance(model, Specialized) else {name: getattr(model, name) for name in shapes}
+    for name, leaf in leaves.items():
+        found, shape = jnp.shape(leaf), shapes[name]
         if found not in (shape, (length, *shape)):
             raise ValueError(f"model.{name} has shape {found}, but this batch needs {shape} or {(length, *shape)}")
         axes.append(None if found == shape else 0)

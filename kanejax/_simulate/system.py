@@ -11,7 +11,7 @@ from kanejax._evaluate import evaluate_prepared, prepare_once
 from kanejax._kinematics.coordinate_rates import kinematical_rates, unit_quaternions
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared
-from kanejax._model.specialized import Specialized
+from kanejax._model.specialized import PartlyPrepared, Specialized
 from kanejax._model.tree import Tree
 from kanejax._scalar import barrier
 from kanejax._simulate.control import Controlled
@@ -21,7 +21,7 @@ from kanejax._simulate.control import Controlled
 class System(eqx.Module):
     """What the rates depend on besides time and state: diffrax's `args`. The links' parameters are computed once."""
 
-    prepared: Prepared | Specialized
+    prepared: Prepared | PartlyPrepared
     control: Controlled
     tree: Tree = eqx.field(static=True)
 
