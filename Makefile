@@ -17,7 +17,7 @@ lint: $(VENV)/.lint $(VENV)/.test  ## style, docstrings and types
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 
-validate: $(VENV)/.benchmark  ## every robot of example-robot-data and dm_control against MuJoCo and Pinocchio; about an hour
+validate: $(VENV)/.benchmark  ## every robot of example-robot-data and dm_control against MuJoCo and Pinocchio; half an hour
 	$(BIN)/python experiments/validate_robots.py
 
 benchmark: $(VENV)/.benchmark  ## run and compile times beside Pinocchio, MuJoCo, MJX and frax

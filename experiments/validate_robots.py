@@ -2,7 +2,7 @@
 
 Every URDF of example-robot-data (repaired where its numbers are impossible, mimic joints set free), dm_control's suite and MuJoCo's
 humanoid, at random states, in float64 and float32. Prints the worst case of each robot and writes results/validate_robots.json,
-which holds what is done when it is interrupted. Exit code 1 if a robot is over tolerance beyond what its conditioning explains.
+which holds what is done when it is interrupted, and the same as a page, validate_robots.md. Exit code 1 if a robot is over tolerance beyond what its conditioning explains.
 """
 
 import argparse
@@ -27,6 +27,22 @@ from rich.text import Text
 import kanejax as kj
 
 ROOT = Path(__file__).parents[1]
+PAGE = """# Every robot against MuJoCo and Pinocchio
+
+Largest relative errors over {samples} random states of each robot, made by `make validate`: inverse dynamics (ID), forward
+dynamics (FD), mass matrix (M) and bias force, in float64 and float32. URDFs of example-robot-data with impossible inertias repaired
+and mimic joints set free, compared with MuJoCo and Pinocchio; dm_control's suite and MuJoCo's humanoid, compared with MuJoCo.
+An error is relative to the largest component. cond(M) is the condition number of the mass matrix, the largest of the states
+with the worst errors: "ill-conditioned" robots are over tolerance (1e-11; FD 1e-9; float32 1e-4) by no more than that explains.
+
+{rows}
+
+Not compared:
+
+{reasons}
+
+Versions: {versions}.
+"""
 QUANTITIES = ("inverse dynamics", "forward dynamics", "mass matrix", "bias force")
 
 
@@ -81,27 +97,51 @@ def verdict(record: dict) -> str:
     return next(label for label in ("OVER", "ill-conditioned", "ok") if label in found)
 
 
+HEADINGS = (
+    "robot",
+    "nv",
+    *(f"{dtype} {short}" for dtype in ("f64", "f32") for short in ("ID", "FD", "M", "bias")),
+    "cond(M)",
+    "verdict",
+)
+
+
+def cells(record: dict) -> list[str]:
+    """One row of the table: the worst errors among all peers, and the worst conditioning of these states."""
+    if "error" in record:
+        return [record["robot"], *[""] * (len(HEADINGS) - 2), verdict(record)]
+    rows = record["rows"]
+    worst = [
+        max(number(r["error"]) for r in rows if (r["dtype"], r["quantity"]) == (dtype, q))
+        for dtype in ("float64", "float32")
+        for q in QUANTITIES
+    ]
+    condition = max(number(r["condition_number"]) for r in rows)
+    return [record["robot"], str(record["nv"]), *(f"{x:.0e}" for x in (*worst, condition)), verdict(record)]
+
+
 def table(records: list[dict]) -> Table:
-    """The worst case of each robot among all peers."""
+    """The rows of all robots, for the terminal."""
     table = Table(title="worst relative errors: inverse dynamics, forward dynamics, mass matrix, bias force", title_justify="left")
-    table.add_column("robot", no_wrap=True)
-    for heading in ("nv", *(f"{dtype} {short}" for dtype in ("f64", "f32") for short in ("ID", "FD", "M", "bias")), "cond(M)", ""):
-        table.add_column(heading, justify="right", no_wrap=True)
+    for heading in HEADINGS:
+        table.add_column(heading, justify="left" if heading == "robot" else "right", no_wrap=True)
     for record in records:
-        label = verdict(record)
+        *texts, label = cells(record)
         color = {"ok": "green", "OVER": "bold red"}.get(label, "yellow")
-        if "error" in record:
-            table.add_row(record["robot"], "", *[""] * 9, f"[{color}]{label}")
-            continue
-        rows = record["rows"]
-        worst = [
-            max(number(r["error"]) for r in rows if (r["dtype"], r["quantity"]) == (dtype, q))
-            for dtype in ("float64", "float32")
-            for q in QUANTITIES
-        ]
-        condition = max(number(r["condition_number"]) for r in rows)
-        table.add_row(Text(record["robot"]), str(record["nv"]), *(f"{x:.0e}" for x in (*worst, condition)), f"[{color}]{label}")
+        table.add_row(*(Text(text) for text in texts), Text(label, color))
     return table
+
+
+def markdown(records: list[dict], samples: int) -> str:
+    """The same as a page."""
+    lines = [f"| {' | '.join(row)} |" for row in (HEADINGS, ["---"] * len(HEADINGS), *map(cells, records))]
+    reasons = [f"- {record['robot']}: {record['error']}" for record in records if "error" in record]
+    return PAGE.format(
+        samples=samples,
+        rows="\n".join(lines),
+        reasons="\n".join(reasons),
+        versions=", ".join(f"{name} {version}" for name, version in _versions().items()),
+    )
 
 
 def number(value: float | str) -> float:
@@ -111,13 +151,17 @@ def number(value: float | str) -> float:
 
 def save(path: Path, records: list[dict], samples: int, seed: int, complete: bool) -> None:
     """Write the results so far; the file is whole at any time."""
-    packages = ("jax", "jaxlib", "numpy", "mujoco", "pin", "example-robot-data", "dm-control", "mujoco-mjx")
-    versions = {package: _version(package) for package in packages}
     head = {"samples": samples, "seed": seed, "complete": complete, "kanejax": kj.__version__, "python": platform.python_version()}
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps({**head, "device": str(jax.devices()[0]), "versions": versions, "robots": records}, indent=1))
+    partial.write_text(json.dumps({**head, "device": str(jax.devices()[0]), "versions": _versions(), "robots": records}, indent=1))
     partial.replace(path)
+    path.with_suffix(".md").write_text(markdown(records, samples))
+
+
+def _versions() -> dict[str, str | None]:
+    packages = ("jax", "jaxlib", "numpy", "mujoco", "pin", "example-robot-data", "dm-control", "mujoco-mjx")
+    return {package: _version(package) for package in packages}
 
 
 def _version(package: str) -> str | None:
