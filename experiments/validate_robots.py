@@ -2,7 +2,8 @@
 
 Every URDF of example-robot-data (repaired where its numbers are impossible, mimic joints set free), dm_control's suite and MuJoCo's
 humanoid, at random states, in float64 and float32. Prints the worst case of each robot and writes results/validate_robots.json,
-which holds what is done when it is interrupted, and the same as a page, validate_robots.md. Exit code 1 if a robot is over tolerance beyond what its conditioning explains.
+which holds what is done when it is interrupted, and the same as a page, validate_robots.md. Exit code 1 if a robot is over
+tolerance beyond what its conditioning explains.
 """
 
 import argparse
