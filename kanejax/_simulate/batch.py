@@ -42,7 +42,7 @@ def simulate_batch(
     *,
     control: Any = None,
     control_axis: int | None = None,
-    batch_size: int = 256,
+    batch_size: int = 128,
     threads: int | None = None,
     progress: bool = False,
     resume: Trajectory | None = None,
