@@ -22,7 +22,9 @@ def check_state(model: Model | Specialized, **state: Any) -> None:
     """
     for name, value in state.items():
         size = model.nq if name == "q" else model.nv
-        shape, dtype = jnp.shape(value), jnp.asarray(value).dtype
+        if not hasattr(value, "dtype"):
+            raise ValueError(f"{name} is a {type(value).__name__}, but must be an array: jnp.asarray({name})")
+        shape, dtype = jnp.shape(value), value.dtype
         if shape != (size,):
             label = "nq" if name == "q" else "nv"
             hint = " (batches go through jax.vmap)" if len(shape) > 1 else ""

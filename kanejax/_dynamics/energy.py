@@ -14,6 +14,7 @@ from kanejax._kinematics.partial_velocity import partial_velocities
 from kanejax._kinematics.pose import poses
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, displacement
+from kanejax._model.specialized import Specialized
 from kanejax._model.tree import Tree
 from kanejax._types import Coordinates, Speeds
 
@@ -25,7 +26,7 @@ class Momentum(NamedTuple):
     angular: Float[Array, "3"]
 
 
-def kinetic_energy(model: Model, q: Coordinates, u: Speeds) -> Float[Array, ""]:
+def kinetic_energy(model: Model | Specialized, q: Coordinates, u: Speeds) -> Float[Array, ""]:
     """U . F(q) u / 2 [J], rotor inertias included; MuJoCo's second entry of `energy`."""
     check_state(model, q=q, u=u)
     momentum = evaluate(_generalized_momentum, model, q, u)

@@ -81,7 +81,7 @@ def bias_force(model: Model | Specialized, q: Coordinates, u: Speeds) -> Forces:
 def gravity_force(model: Model | Specialized, q: Coordinates) -> Forces:
     """Generalized active force of gravity, Nie (3.54): minus the bias force at rest."""
     check_state(model, q=q)
-    return -evaluate(_bias_force, model, q, jnp.zeros(model.nv, q.dtype))
+    return -evaluate(_bias_force, model, q, jnp.zeros(model.nv, model.dtype))
 
 
 def passive_force(model: Model | Specialized, q: Coordinates, u: Speeds) -> Forces:

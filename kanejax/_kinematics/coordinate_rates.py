@@ -13,13 +13,14 @@ import numpy as np
 from kanejax._evaluate import check_state, evaluate
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared
+from kanejax._model.specialized import Specialized
 from kanejax._model.tree import Tree
 from kanejax._recursion.rows import in_order, take
 from kanejax._scalar import plus
 from kanejax._types import Coordinates, Quaternion, Scalar, Speeds
 
 
-def coordinate_rates(model: Model, q: Coordinates, u: Speeds) -> Coordinates:
+def coordinate_rates(model: Model | Specialized, q: Coordinates, u: Speeds) -> Coordinates:
     """Rates of the generalized coordinates, which the kinematical equations give from the speeds.
 
     Revolute and prismatic joints: the speed. Free joints: the velocity in world axes, and the rate of the quaternion
@@ -40,7 +41,7 @@ def coordinate_rates(model: Model, q: Coordinates, u: Speeds) -> Coordinates:
     return evaluate(_coordinate_rates, model, q, u)
 
 
-def tangent_gradient(model: Model, q: Coordinates, gradient: Coordinates) -> Speeds:
+def tangent_gradient(model: Model | Specialized, q: Coordinates, gradient: Coordinates) -> Speeds:
     """Gradient with respect to infinitesimal motions, from the one with respect to coordinates.
 
     `jax.grad` with respect to q gives one number a coordinate, of which a quaternion has one more than there are directions to

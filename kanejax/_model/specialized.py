@@ -10,13 +10,12 @@ import numpy as np
 from jax.core import Tracer
 
 from kanejax._errors import UnknownNameError
-from kanejax._model.links import LinkParameters
 from kanejax._model.model import Model, leaf_shapes
 from kanejax._model.prepared import Prepared, prepare
 from kanejax._model.tree import Tree
 
-# Entries of rotations within rounding of -1, 0 and 1 are taken for exactly that.
-ROUNDING = 1e-12
+# Entries of rotations within so many roundings of -1, 0 and 1 are taken for exactly that.
+ROUNDINGS = 64
 
 
 @final
@@ -48,7 +47,8 @@ class PartlyPrepared(NamedTuple):
 
 @final
 class Specialized(eqx.Module):
-    """A model with frozen parameters, accepted in place of a model by the functions of the dynamics and by `simulate`.
+    """A model with frozen parameters, accepted in place of a model by the equations of motion (`inverse_dynamics`,
+    `forward_dynamics`, `mass_matrix`, forces), `kinetic_energy`, `coordinate_rates`, `tangent_gradient` and the simulations.
 
     Attributes:
         kept: the leaves that are not frozen, by name: to differentiate, to batch and to `replace`.
@@ -104,7 +104,8 @@ def specialize(model: Model, keep: Iterable[str] = ()) -> Specialized:
     """Freeze parameters of a model as constants.
 
     Products with zeros and ones among them, such as those of axes and placements along the coordinate directions, are
-    left out of the compiled code. Each specialized model compiles anew, and compile time grows with the number of links.
+    left out of the compiled code. Each specialized model compiles anew, compile time grows with the number of links, and
+    compiled functions keep it in memory.
 
     Args:
         model: the mechanism.
@@ -130,10 +131,7 @@ def specialize(model: Model, keep: Iterable[str] = ()) -> Specialized:
 
 def _values(model: Model) -> Prepared:
     prepared = jax.tree.map(lambda x: np.asarray(x, np.float64), prepare(model))
-    links = LinkParameters(*(_snapped(x) if name == "rotation" else x for name, x in prepared.links._asdict().items()))
-    return prepared._replace(links=links)
-
-
-def _snapped(x: np.ndarray) -> np.ndarray:
-    whole = np.round(x)
-    return np.where(np.abs(x - whole) < ROUNDING, whole, x)
+    rotation = prepared.links.rotation
+    whole = np.round(rotation)
+    snapped = np.where(np.abs(rotation - whole) < ROUNDINGS * np.finfo(model.dtype).eps, whole, rotation)
+    return prepared._replace(links=prepared.links._replace(rotation=snapped))

@@ -45,7 +45,7 @@ class Column:
 
 
 def is_frozen(rows: PyTree) -> bool:
-    """Whether rows hold numbers that are known while tracing; then loops over them are unrolled, so that products fold."""
+    """Whether rows hold numbers that are known while tracing."""
     return any(isinstance(x, np.ndarray | Column) for x in jax.tree.leaves(rows))
 
 

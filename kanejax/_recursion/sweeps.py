@@ -2,6 +2,7 @@
 
 Free joints are steps of their own; everything that is not a free joint is one `lax.scan`, whose carry and inputs are tuples of
 scalars. So a program has a few loops whatever the number of bodies, compiles in about a second, and runs in time linear in it.
+Only for specialized models, whose parameters are known numbers, the loops over a batch are written out.
 """
 
 from collections.abc import Callable
@@ -27,7 +28,7 @@ def base_to_tip(tree: Tree, step: RowFunction, root: PyTree, inputs: list[PyTree
     """Run `step(joint, state of the parent, inputs of the row) -> (its state, its output)` over all rows.
 
     `root` is the world's state, of known numbers or scalars of the batch's shape, which is that of `like` (n, *batch).
-    `inputs` and the result are lists over the segments. Loops over known numbers are unrolled.
+    `inputs` and the result are lists over the segments. For a batch, loops over known numbers are unrolled, so that products fold.
     """
     states: dict[int, PyTree] = {WORLD: root}
     outputs: list[PyTree] = []

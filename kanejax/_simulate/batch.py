@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from kanejax._model.model import Model, leaf_shapes
 from kanejax._model.specialized import Specialized
-from kanejax._simulate.checks import check_batch, check_positive
+from kanejax._simulate.checks import check_batch, check_positive, with_counts
 from kanejax._simulate.lanes import Runner, finished
 from kanejax._simulate.segment import Segment
 from kanejax._simulate.simulate import simulate
@@ -22,6 +22,7 @@ from kanejax._simulate.trajectory import Array, Status, Trajectory
 
 # So many adaptive steps, then finished trajectories make room for others. Fewer cost more calls, more wait longer.
 SEGMENT = 16
+FEWEST = 64
 
 
 class SimulationInterrupted(KeyboardInterrupt):
@@ -52,7 +53,7 @@ def simulate_batch(
 
     The memory of the device holds those; the results are numpy arrays. With adaptive steps a trajectory that is finished makes room
     for the next, so that none waits for one that needs more steps. A trajectory that fails does not touch the others: its `status`
-    says so. After Ctrl-C, SimulationInterrupted has the results so far, and `resume` runs what is missing.
+    says so. After Ctrl-C, SimulationInterrupted has what was finished, and `resume` runs only what is missing.
 
     Args:
         model: the mechanism. Leaves with a leading axis of the batch's length are taken one by one: domain randomisation.
@@ -63,8 +64,9 @@ def simulate_batch(
         control_axis: 0 if the arrays in the control or its parameters have a leading batch axis, None if all share them.
         batch_size: trajectories at a time. Best a small part of all: the room that the last ones leave stays empty. With `on_event`
             there is no making room, and all of them wait for the one that needs most steps.
-        threads: how many of these run side by side, each with `batch_size` of its own. By default one for each processor core, and
-            one where an accelerator computes.
+        threads: how many of these run side by side, each with `batch_size` of its own. By default one for each processor core that
+            gets 64 trajectories, and one where an accelerator computes. Of JAX's contexts only `enable_x64` holds in threads:
+            with `threads=1` all do.
         progress: show a progress bar.
         resume: the result of an interrupted call with the same arguments.
         options: as for `simulate`, without `throw` and `dense`; `adjoint` does not matter.
@@ -74,23 +76,27 @@ def simulate_batch(
 
     Raises:
         ValueError: as for `simulate`, or the batch axes differ.
-        SimulationInterrupted: on Ctrl-C.
+        SimulationInterrupted: on Ctrl-C, once a trajectory is finished.
     """
     refused = {"throw", "dense"} & set(options)
     if refused:
         raise ValueError(f"simulate_batch does not take {', '.join(sorted(refused))}: look at the status, and save more times")
     check_positive(batch_size=batch_size, threads=threads)
+    batch_size, options = int(batch_size), with_counts(options)
     q0, u0 = check_batch(model, q0, u0)
     run = _runner(model, q0, u0, ts, control, control_axis, options)
+    if resume is not None and len(resume.status) != len(q0):
+        raise ValueError(f"resume has {len(resume.status)} trajectories, but q0 has {len(q0)}; give those of the interrupted call")
     results = None if resume is None else jax.tree.map(np.array, resume)
     waiting = np.arange(len(q0)) if results is None else np.flatnonzero(results.status == Status.NOT_RUN)
-    size = min(batch_size, len(q0))
-    threads = min(_cores() if threads is None else threads, max(1, -(-len(waiting) // size)))
+    # Fewer lanes than these would not fill the vector instructions of one core.
+    threads = min(_cores(), max(1, len(waiting) // FEWEST)) if threads is None else int(threads)
+    size = min(batch_size, max(1, -(-len(waiting) // threads)))
     with _bar(len(waiting), progress) as advance:
         try:
             for rows, piece in finished(run, waiting, size, threads):
                 results = _empty(piece, len(q0)) if results is None else results
-                jax.tree.map(lambda whole, part: whole.__setitem__(rows, part), results, piece)  # noqa: B023
+                _store(results, rows, piece)
                 advance(len(rows))
         except KeyboardInterrupt as error:
             if results is None:
@@ -98,6 +104,15 @@ def simulate_batch(
             raise SimulationInterrupted(results) from error
     assert results is not None
     return results
+
+
+def _store(results: Trajectory, rows: np.ndarray, piece: Trajectory) -> None:
+    """Write trajectories to their rows; the status, which says that they are done, last."""
+    status = piece.status
+    jax.tree.map(
+        lambda whole, part: whole.__setitem__(rows, part), results, dataclasses.replace(piece, status=results.status[rows])
+    )
+    results.status[rows] = status
 
 
 def _cores() -> int:
@@ -110,8 +125,7 @@ def _runner(
 ) -> Runner:
     """The function that runs trajectories given by their rows, from the state that it left them in or, if fresh, from the first."""
     axes = model_axes(model, len(q0))
-    # Times must be known while tracing, for equal steps, so they are a static argument.
-    times = tuple(np.asarray(ts, model.dtype).tolist())
+    times = _Times(np.asarray(ts, model.dtype))
     parameters, rest = eqx.partition(control, eqx.is_array)
     batched = [leaf if axis == 0 else None for leaf, axis in zip(jax.tree.leaves(model), axes, strict=True)]
     length = SEGMENT if _in_segments(options) else None
@@ -128,13 +142,28 @@ def _runner(
     return run
 
 
+@jax.tree_util.register_static
+class _Times:
+    """Saved times, which must be known while tracing for equal steps: a static argument, hashed once for all calls."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self.values = values
+        self._hash = hash((values.dtype.str, values.tobytes()))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Times) and np.array_equal(self.values, other.values) and self.values.dtype == other.values.dtype
+
+
 @eqx.filter_jit
 def _run(
     model: Model | Specialized,
     batched: list,
     q0: Array,
     u0: Array,
-    ts: tuple[float, ...],
+    ts: "_Times",
     parameters: Any,
     rest: Any,
     control_axis: int | None,
@@ -153,7 +182,7 @@ def _run(
     def one(own: list, q: Array, u: Array, parameters: Any, before: Any, fresh: Array) -> Any:
         here = jax.tree.unflatten(structure, [x if y is None else y for x, y in zip(leaves, own, strict=True)])
         given = options if length is None else {**options, "adjoint": Segment(before, fresh, length)}
-        trajectory = simulate(here, q, u, np.array(ts), control=eqx.combine(parameters, rest), **given)
+        trajectory = simulate(here, q, u, ts.values, control=eqx.combine(parameters, rest), **given)
         left, unfinished = (None, jnp.asarray(False)) if length is None else trajectory.interpolation
         return left, unfinished, dataclasses.replace(trajectory, interpolation=None)
 
@@ -163,7 +192,7 @@ def _run(
 def _in_segments(options: dict[str, Any]) -> bool:
     """Whether trajectories take different numbers of steps, and can be left after some; restarts after events cannot."""
     adaptive = options.get("dt0") is None or options.get("stepsize_controller") is not None
-    return adaptive and options.get("on_event") is None
+    return adaptive and options.get("on_event") is None and options.get("max_steps", 0) is not None
 
 
 def model_axes(model: Model | Specialized, length: int) -> list[int | None]:

@@ -11,6 +11,8 @@ from kanejax._model.model import Model
 from kanejax._model.specialized import Specialized
 from kanejax._model.tree import COORDINATES, SPEEDS, Tree
 
+COUNTS = ("batch_size", "threads", "max_steps", "max_events")
+
 
 def checked_state(model: Model | Specialized, q0: Any, u0: Any) -> tuple[jax.Array, jax.Array]:
     """The initial state as arrays.
@@ -79,11 +81,19 @@ def check_positive(**values: Any) -> None:
     """Check numbers that are known and not None.
 
     Raises:
-        ValueError: naming the first that is not finite and positive.
+        ValueError: naming the first that is not finite and positive, or the first count that is not whole.
     """
     for name, value in values.items():
         if value is not None and _known(value) and not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} is {value}; it must be positive and finite")
+        if name in COUNTS and value is not None and value != int(value):
+            raise ValueError(f"{name} is {value}; it must be a whole number")
+
+
+def with_counts(options: dict[str, Any]) -> dict[str, Any]:
+    """The options with Python's integers for counts, which a compiled program must know: NumPy's would be traced."""
+    counts = {name: int(options[name]) for name in ("max_steps", "max_events") if options.get(name) is not None}
+    return {**options, **counts}
 
 
 def joint_ranges(model: Model | Specialized) -> jax.Array:

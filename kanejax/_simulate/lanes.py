@@ -14,32 +14,34 @@ import numpy as np
 from kanejax._simulate.trajectory import Trajectory
 
 # (rows of the trajectories, state that they were left in, which start anew) -> (state they are left in, unfinished, trajectories).
-Runner = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, jax.Array, Trajectory]]
+Runner = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, Any, Any]]
 Finished = tuple[np.ndarray, Trajectory]
 
 
 def finished(run: Runner, rows: np.ndarray, size: int, threads: int) -> Iterator[Finished]:
-    """Rows of trajectories and the trajectories, as they finish; `size` lanes in each of `threads`."""
+    """Rows of trajectories and the trajectories, as they finish; `size` lanes in each of `threads`.
+
+    When whoever reads is interrupted, threads end with the segment that they are in.
+    """
     waiting = collections.deque(rows.tolist())
+    stop = threading.Event()
     if threads == 1:
-        yield from _one_thread(run, waiting, size)
+        yield from _one_thread(run, waiting, size, stop)
         return
     done: queue.SimpleQueue[Finished | BaseException | None] = queue.SimpleQueue()
-    stop, compiled = threading.Event(), _FirstAlone(run)
+    first = _FirstAlone(run)
+    # JAX's contexts belong to a thread; this one decides about the data type of the results.
+    x64 = bool(jax.config.jax_enable_x64)
 
     def work() -> None:
         try:
             with jax.enable_x64(x64):
-                for item in _one_thread(compiled, waiting, size):
+                for item in _one_thread(first, waiting, size, stop):
                     done.put(item)
-                    if stop.is_set():
-                        break
             done.put(None)
         except BaseException as error:
             done.put(error)
 
-    # JAX's contexts belong to a thread; this one decides about the data type of the results.
-    x64 = bool(jax.config.jax_enable_x64)
     with ThreadPoolExecutor(threads) as pool:
         try:
             for _ in range(threads):
@@ -54,7 +56,6 @@ def finished(run: Runner, rows: np.ndarray, size: int, threads: int) -> Iterator
                 else:
                     yield item
         finally:
-            waiting.clear()
             stop.set()
 
 
@@ -67,17 +68,20 @@ class _FirstAlone:
 
     def __call__(self, *args: Any) -> Any:
         """Call."""
-        with contextlib.nullcontext() if self.called else self.lock:
-            result = self.run(*args)
-            self.called = True
-        return result
+        if not self.called:
+            with self.lock:
+                if not self.called:
+                    result = self.run(*args)
+                    self.called = True
+                    return result
+        return self.run(*args)
 
 
-def _one_thread(run: Runner, waiting: collections.deque[int], size: int) -> Iterator[Finished]:
+def _one_thread(run: Runner, waiting: collections.deque[int], size: int, stop: threading.Event) -> Iterator[Finished]:
     """The same for `size` lanes, which take from those who wait."""
     lanes = np.full(size, -1)
     before = None
-    while True:
+    while not stop.is_set():
         free = lanes < 0
         for lane in np.flatnonzero(free):
             # Others may take from them at the same time.

@@ -44,7 +44,7 @@ def simulate(
     on_event: Callable[..., Any] | None = None,
     max_events: int = 16,
     dense: bool = False,
-    max_steps: int = 4096,
+    max_steps: int | None = 4096,
     throw: bool = False,
 ) -> Trajectory:
     """Move a mechanism from an initial state through time.
@@ -85,7 +85,7 @@ def simulate(
             `JointLimitBounce`. An `equinox.Module` can have parameters. Events need a direction then.
         max_events: how many events are passed on to `on_event`; the next one stops.
         dense: keep what `Trajectory.evaluate` needs for any time, for `max_steps` steps.
-        max_steps: stop after this many adaptive steps, between one event and the next.
+        max_steps: stop after this many adaptive steps, between one event and the next; None never does, without reverse mode.
         throw: raise SimulationError if the simulation does not reach its end; for single trajectories.
 
     Returns:
@@ -98,6 +98,8 @@ def simulate(
     q0, u0 = checked_state(model, q0, u0)
     ts = checked_times(ts, model.dtype)
     check_positive(dt0=dt0, rtol=rtol, atol=atol, max_steps=max_steps, max_events=max_events)
+    # NumPy's integers would be traced, but a compiled program must know these.
+    max_steps, max_events = max_steps if max_steps is None else int(max_steps), int(max_events)
     control = as_control(control)
     check_control(control, jnp.asarray(ts[0]), q0, u0)
     if on_event is not None and (dense or not (joint_limits or events)):

@@ -40,7 +40,7 @@ class Settings(eqx.Module):
     adjoint: diffrax.AbstractAdjoint
     conditions: tuple[Falling, ...]
     dt0: Any
-    max_steps: int = eqx.field(static=True)
+    max_steps: int | None = eqx.field(static=True)
     dense: bool = eqx.field(static=True)
 
 

@@ -1,4 +1,5 @@
 import contextlib
+import threading
 
 import equinox as eqx
 import jax
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 import kanejax as kj
-from kanejax._simulate import batch
+from kanejax._simulate import batch, lanes
 
 TS = np.linspace(0, 0.4, 3)
 
@@ -161,3 +162,32 @@ def test_bad_batches_are_refused(pendulum):
         kj.simulate_batch(pendulum, q0, u0, TS, batch_size=0)
     with pytest.raises(ValueError, match="does not take throw"):
         kj.simulate_batch(pendulum, q0, u0, TS, throw=True)
+
+
+def test_counts_of_numpy_are_counts(pendulum):
+    q0, u0 = states(3)
+    found = kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, max_steps=np.int64(100))
+    assert kj.simulate_batch(pendulum, q0, u0, TS).ok.all()
+    np.testing.assert_allclose(found.q, kj.simulate_batch(pendulum, q0, u0, TS, max_steps=None).q, rtol=1e-12)
+
+
+def test_what_is_resumed_must_be_of_this_batch(pendulum):
+    q0, u0 = states(3)
+    before = kj.simulate_batch(pendulum, q0, u0, TS)
+    with pytest.raises(ValueError, match="resume has 3 trajectories, but q0 has 2"):
+        kj.simulate_batch(pendulum, q0[:2], u0[:2], TS, resume=before)
+
+
+def test_only_the_first_call_is_alone():
+    meeting = threading.Barrier(2, timeout=20)
+    calls = []
+
+    def run(rows, before, fresh):
+        calls.append(rows)
+        if len(calls) > 1:
+            # Two calls at the same time, or a timeout.
+            meeting.wait()
+        return None, np.zeros(len(rows), bool), np.asarray(rows)
+
+    found = [int(row) for rows, _ in lanes.finished(run, np.arange(5), 1, 2) for row in rows]
+    assert sorted(found) == list(range(5))
