@@ -14,8 +14,8 @@ from kanejax._model.model import Model, leaf_shapes
 from kanejax._model.prepared import Prepared, prepare
 from kanejax._model.tree import Tree
 
-# Entries of rotations within so many roundings of -1, 0 and 1 are taken for exactly that.
-ROUNDINGS = 64
+# Entries of rotations as near as rounding leaves them to -1, 0 and 1 are taken for exactly that.
+ROUNDING = {jnp.dtype(jnp.float32): 2e-6, jnp.dtype(jnp.float64): 1e-12}
 
 
 @final
@@ -133,5 +133,5 @@ def _values(model: Model) -> Prepared:
     prepared = jax.tree.map(lambda x: np.asarray(x, np.float64), prepare(model))
     rotation = prepared.links.rotation
     whole = np.round(rotation)
-    snapped = np.where(np.abs(rotation - whole) < ROUNDINGS * np.finfo(model.dtype).eps, whole, rotation)
+    snapped = np.where(np.abs(rotation - whole) < ROUNDING[model.dtype], whole, rotation)
     return prepared._replace(links=prepared.links._replace(rotation=snapped))
