@@ -4,7 +4,10 @@ import argparse
 import importlib
 import time
 
-NAMES = ("evaluation", "gradients", "gcc", "compile_time", "single_call", "simulate", "simulation_gradient", "scaling", "gpu")
+NAMES = (
+    *("evaluation", "variants", "gradients", "gcc", "compile_time", "single_call"),
+    *("simulate", "simulation_gradient", "scaling", "gpu"),
+)
 
 
 def main() -> None:

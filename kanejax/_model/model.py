@@ -8,10 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from kanejax._model import view
-from kanejax._model.tree import Tree
+from kanejax._model.tree import OnTree, Tree
 
 
-class Model(eqx.Module):
+class Model(eqx.Module, OnTree):
     """A mechanism: a static tree, and its parameters as arrays that can be changed, batched and differentiated.
 
     Nothing derived is stored, so changing a leaf leaves nothing stale, and it does not compile anything again.
@@ -63,26 +63,6 @@ class Model(eqx.Module):
                 raise ValueError(f"model.{name} has shape {jnp.shape(leaf)}, but this tree needs {shape}")
             if leaf.dtype not in (jnp.float32, jnp.float64):
                 raise ValueError(f"model.{name} has dtype {leaf.dtype}; use float32 or float64")
-
-    @property
-    def nq(self) -> int:
-        """Number of generalized coordinates."""
-        return self.tree.nq
-
-    @property
-    def nv(self) -> int:
-        """Number of generalized speeds."""
-        return self.tree.nv
-
-    @property
-    def nbody(self) -> int:
-        """Number of bodies, the world not counted."""
-        return self.tree.nbody
-
-    @property
-    def njoint(self) -> int:
-        """Number of joints."""
-        return self.tree.njoint
 
     @property
     def dtype(self) -> jnp.dtype:

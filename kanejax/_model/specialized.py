@@ -12,7 +12,7 @@ from jax.core import Tracer
 from kanejax._errors import UnknownNameError
 from kanejax._model.model import Model, leaf_shapes
 from kanejax._model.prepared import Prepared, prepare
-from kanejax._model.tree import Tree
+from kanejax._model.tree import OnTree, Tree
 
 # Entries of rotations as near as rounding leaves them to -1, 0 and 1 are taken for exactly that.
 ROUNDING = {jnp.dtype(jnp.float32): 2e-6, jnp.dtype(jnp.float64): 1e-12}
@@ -46,7 +46,7 @@ class PartlyPrepared(NamedTuple):
 
 
 @final
-class Specialized(eqx.Module):
+class Specialized(eqx.Module, OnTree):
     """A model with frozen parameters, accepted in place of a model by the equations of motion (`inverse_dynamics`,
     `forward_dynamics`, `mass_matrix`, forces), `kinetic_energy`, `coordinate_rates`, `tangent_gradient` and the simulations.
 
@@ -60,21 +60,6 @@ class Specialized(eqx.Module):
     tree: Tree = eqx.field(static=True)
     dtype: Any = eqx.field(static=True)
     _constants: Constants = eqx.field(static=True)
-
-    @property
-    def nq(self) -> int:
-        """Number of generalized coordinates."""
-        return self.tree.nq
-
-    @property
-    def nv(self) -> int:
-        """Number of generalized speeds."""
-        return self.tree.nv
-
-    @property
-    def nbody(self) -> int:
-        """Number of bodies, the world not counted."""
-        return self.tree.nbody
 
     def replace(self, **leaves: Any) -> "Specialized":
         """The same with other values of kept leaves, converted to its data type.

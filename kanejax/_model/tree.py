@@ -154,6 +154,32 @@ class Tree:
         return _index("joint", name, self.joint_names)
 
 
+class OnTree:
+    """Sizes of what has a tree."""
+
+    tree: Tree
+
+    @property
+    def nq(self) -> int:
+        """Number of generalized coordinates."""
+        return self.tree.nq
+
+    @property
+    def nv(self) -> int:
+        """Number of generalized speeds."""
+        return self.tree.nv
+
+    @property
+    def nbody(self) -> int:
+        """Number of bodies, the world not counted."""
+        return self.tree.nbody
+
+    @property
+    def njoint(self) -> int:
+        """Number of joints."""
+        return self.tree.njoint
+
+
 def _starts(sizes) -> tuple[int, ...]:  # noqa: ANN001
     starts, total = [], 0
     for size in sizes:
