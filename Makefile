@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.cache/jax
 
-.PHONY: demo test lint validate benchmark clean
+.PHONY: demo test lint validate benchmark experiments clean
 
 demo: $(VENV)/.demo  ## load, validate, simulate and differentiate a real robot; writes results/demo.png
 	$(BIN)/python experiments/demo.py
@@ -22,6 +22,9 @@ validate: $(VENV)/.benchmark  ## every robot of example-robot-data and dm_contro
 
 benchmark: $(VENV)/.benchmark  ## run and compile times beside Pinocchio, MuJoCo, MJX and frax
 	$(BIN)/python -m experiments.benchmarks
+
+experiments: $(VENV)/.demo  ## the results and claims of Nie's thesis; pictures and numbers go to results/thesis; a few minutes
+	$(BIN)/python -m experiments.thesis
 
 clean:
 	rm -rf $(VENV) .cache results

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, final
+from typing import Any, Literal, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +18,8 @@ Convention = Literal["standard", "modified", "nie"]
 Numbers = Sequence | np.ndarray | jax.Array
 _CONVENTIONS = ("standard", "modified", "nie")
 _JOINT_TYPES = ("revolute", "prismatic")
+# Columns that every row has, with their units.
+_COLUMNS = {"mass": "kg", "alpha": "rad", "a": "m", "d": "m", "theta": "rad"}
 # A rotation matrix may be this far from orthonormal: tables have rounded numbers.
 _ORTHONORMAL = 1e-4
 
@@ -111,7 +113,8 @@ def from_dh(
 
     Raises:
         TypeError: a row is no DHLink.
-        ValueError: a row has a wrong shape or joint type, or numbers that its convention does not read.
+        ValueError: a row lacks a number, has a wrong shape, joint type or rotation matrix, or numbers that its convention does
+            not read. The message names the row.
         InvalidInertiaError: no rigid body can have a link's inertia, or a joint moves no inertia.
         InvalidParameterError: a number is not finite.
     """
@@ -121,7 +124,7 @@ def from_dh(
         if not isinstance(link, DHLink):
             raise TypeError(f"row {number} is of type {type(link).__name__}; give DHLink(mass=..., alpha=..., a=..., d=...)")
     tree = _tree(links)
-    labels = [f"link {name!r}" for name in tree.body_names]
+    labels = [f"row {number}, link {name!r}" for number, name in enumerate(tree.body_names, start=1)]
     placed = [_placed(link, convention, label) for link, label in zip(links, labels, strict=True)]
     turn = np.eye(3) if base_rotation is None else _rotation(base_rotation, "base_rotation")
     frames = _chained(placed, _array(base_position, (3,), "base_position"), turn)
@@ -160,6 +163,9 @@ def _placed(link: DHLink, convention: Convention, label: str) -> _Placed:
         return _Placed(rotation @ along, rotation, axis, -along, np.zeros(3))
     if link.next_origin is not None:
         along = _array(link.next_origin, (3,), f"{label}: next_origin")
+        # Otherwise found in the next row's body, or never in the last one.
+        if not np.isfinite(along).all():
+            raise ValueError(f"{label}: next_origin = {' '.join(f'{number:.6g}' for number in along)} is not finite")
     return _Placed(np.zeros(3), rotation, axis, np.zeros(3), along)
 
 
@@ -204,16 +210,20 @@ def _model(tree: Tree, links: Sequence[DHLink], labels: list[str], frames: list[
 
 
 def _check_row(link: DHLink, convention: Convention, label: str) -> None:
-    """Refuse an unknown joint type, and numbers that would not be read."""
+    """Refuse an unknown joint type, numbers that are missing, and numbers that would not be read."""
     if link.joint not in _JOINT_TYPES:
         raise ValueError(f"{label}: joint {link.joint!r} is unknown; the types are {', '.join(_JOINT_TYPES)}")
+    for name, unit in _COLUMNS.items():
+        value = getattr(link, name)
+        if value is None or not np.isfinite(_array(value, (), f"{label}: {name}")):
+            raise ValueError(f"{label}: {name} = {value!r} is not a finite number; give it in {unit}")
     if link.rotation is not None and (convention == "modified" or link.alpha or link.theta):
         raise ValueError(f"{label}: give either rotation or alpha and theta; the modified convention takes the latter only")
     if link.next_origin is not None and (convention != "nie" or link.a or link.d):
         raise ValueError(f"{label}: give either next_origin or a and d; only convention='nie' takes the former")
 
 
-def _array(values: Numbers | float, shape: tuple[int, ...], label: str) -> np.ndarray:
+def _array(values: Any, shape: tuple[int, ...], label: str) -> np.ndarray:
     try:
         array = np.asarray(values, float)
     except (TypeError, ValueError) as error:

@@ -59,21 +59,32 @@ class TorqueTable(eqx.Module):
             return self.values[jnp.searchsorted(ts, t, side="right") - 1]
         if self.interpolation == "linear":
             return diffrax.LinearInterpolation(ts, self.values).evaluate(t)
-        return diffrax.CubicInterpolation(ts, _cubics(ts, self.values)).evaluate(t)
+        return _cubic(ts, self.values, t)
 
 
-def _cubics(ts: jax.Array, values: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-    """Coefficients, highest power first, of cubics between the times, from values and slopes at both ends."""
-    h = jnp.diff(ts)[:, None]
-    rise = jnp.diff(values, axis=0) / h
-    if len(ts) == 2:
-        slopes = jnp.concatenate((rise, rise))
-    else:
-        inner = (h[1:] * rise[:-1] + h[:-1] * rise[1:]) / (h[:-1] + h[1:])
-        # At the ends, the parabola through the three nearest points.
-        slopes = jnp.concatenate((2.0 * rise[:1] - inner[:1], inner, 2.0 * rise[-1:] - inner[-1:]))
-    left, right = slopes[:-1], slopes[1:]
-    return (left + right - 2.0 * rise) / (h * h), (3.0 * rise - 2.0 * left - right) / h, left, values[:-1]
+def _cubic(ts: jax.Array, values: jax.Array, t: jax.Array) -> jax.Array:
+    """The cubic between the two times around t, from values and slopes at both: the cost does not grow with the table."""
+    last = len(ts) - 1
+    left = jnp.clip(jnp.searchsorted(ts, t, side="right") - 1, 0, last - 1)
+    h = ts[left + 1] - ts[left]
+    s = (t - ts[left]) / h
+    rise = (values[left + 1] - values[left]) / h
+    # Less the straight line, whose slope is the rise.
+    excess, next_excess = _slope(ts, values, left) - rise, _slope(ts, values, left + 1) - rise
+    bend = s * (1.0 - s) * ((1.0 - s) * excess - s * next_excess)
+    return values[left] + h * (s * rise + bend)
+
+
+def _slope(ts: jax.Array, values: jax.Array, k: jax.Array) -> jax.Array:
+    """Slope at the k-th time, of the parabola through it and its neighbours, or through the three times nearest to an end."""
+    last = len(ts) - 1
+    if last == 1:
+        return (values[1] - values[0]) / (ts[1] - ts[0])
+    middle = jnp.clip(k, 1, last - 1)
+    before, after = ts[middle] - ts[middle - 1], ts[middle + 1] - ts[middle]
+    rise, next_rise = (values[middle] - values[middle - 1]) / before, (values[middle + 1] - values[middle]) / after
+    slope = (after * rise + before * next_rise) / (before + after)
+    return jnp.where(k == 0, 2.0 * rise - slope, jnp.where(k == last, 2.0 * next_rise - slope, slope))
 
 
 @final

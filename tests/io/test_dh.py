@@ -1,7 +1,9 @@
 """Arms from tables: Nie's Intelledex 605 with its reference torques, and each convention against MuJoCo."""
 
+import copy
 import dataclasses
 import inspect
+import re
 from typing import Any
 
 import jax
@@ -126,10 +128,24 @@ def test_names_and_options() -> None:
     assert kj.from_dh([]).nv == 0
 
 
+def changed(link: kj.DHLink, change: dict[str, Any]) -> kj.DHLink:
+    """Without the type checks of the tests, which would come before those of `from_dh`."""
+    link = copy.copy(link)
+    for name, value in change.items():
+        object.__setattr__(link, name, value)
+    return link
+
+
 @pytest.mark.parametrize(
     ("change", "convention", "message"),
     [
         ({"joint": "ball"}, "nie", "link 'link1': joint 'ball' is unknown; the types are revolute, prismatic"),
+        ({"mass": None}, "nie", "row 1, link 'link1': mass = None is not a finite number; give it in kg"),
+        ({"mass": np.inf}, "nie", "row 1, link 'link1': mass = inf is not a finite number"),
+        ({"alpha": None}, "standard", "row 1, link 'link1': alpha = None is not a finite number; give it in rad"),
+        ({"theta": "right"}, "modified", "row 1, link 'link1': theta = 'right' is no array of numbers"),
+        ({"d": np.nan}, "standard", "row 1, link 'link1': d = nan is not a finite number; give it in m"),
+        ({"com": None}, "nie", "row 1, link 'link1': com has shape (), but needs (3,)"),
         ({"com": (1, 2)}, "nie", "link 'link1': com has shape (2,), but needs (3,)"),
         ({"com": ("a", 1, 2)}, "nie", "link 'link1': com = ('a', 1, 2) is no array of numbers; it needs the shape (3,)"),
         ({"joint_range": (1, 2, 3)}, "nie", "link 'link1': joint_range has shape (3,), but needs (2,)"),
@@ -141,6 +157,7 @@ def test_names_and_options() -> None:
         ({"rotation": -np.eye(3)}, "nie", "link 'link1': rotation is not a rotation matrix"),
         ({"rotation": np.eye(3), "alpha": 1.0}, "nie", "give either rotation or alpha and theta"),
         ({"rotation": np.eye(3)}, "modified", "give either rotation or alpha and theta"),
+        ({"next_origin": (1, 0, np.nan)}, "nie", "row 1, link 'link1': next_origin = 1 0 nan is not finite"),
         ({"next_origin": (1, 0, 0)}, "standard", "only convention='nie' takes the former"),
         ({"next_origin": (1, 0, 0), "d": 1.0}, "nie", "give either next_origin or a and d"),
         ({"mass": -1.0}, "nie", "body 'link1': mass -1 kg is negative"),
@@ -149,10 +166,21 @@ def test_names_and_options() -> None:
     ],
 )
 def test_messages(change: dict[str, Any], convention: Any, message: str) -> None:
-    link = dataclasses.replace(kj.DHLink(1.0, (1, 0, 0)), **change)
+    link = changed(kj.DHLink(1.0, (1, 0, 0)), change)
     with pytest.raises((ValueError, kj.KanejaxError)) as raised:
         kj.from_dh([link], convention=convention)
     assert message in str(raised.value)
+
+
+def test_messages_name_the_row_that_is_wrong() -> None:
+    good = kj.DHLink(1.0, (1, 0, 0))
+    for change, message in (
+        ({"joint": "screw"}, "row 2, link 'boom': joint 'screw' is unknown"),
+        ({"rotation": ((1, 0, 0), (0, 1, 0), (0, 0.1, 1))}, "row 2, link 'boom': rotation is not a rotation matrix"),
+        ({"a": None}, "row 2, link 'boom': a = None is not a finite number"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            kj.from_dh([good, changed(good, {"name": "boom", **change}), good])
 
 
 def test_rows_of_another_type() -> None:
