@@ -133,6 +133,12 @@ def rotate_symmetric(r: Matrix, s: Symmetric) -> Symmetric:
     return (dot(t[0], r[0]), dot(t[1], r[1]), dot(t[2], r[2]), dot(t[0], r[1]), dot(t[0], r[2]), dot(t[1], r[2]))
 
 
+def inertia_of(second: Symmetric) -> Symmetric:
+    """Inertia tr(J) 1 - J for the second moment J."""
+    xx, yy, zz, xy, xz, yz = second
+    return (add(yy, zz), add(xx, zz), add(xx, yy), sub(0.0, xy), sub(0.0, xz), sub(0.0, yz))
+
+
 def outer_symmetric(a: Vector) -> Symmetric:
     """The symmetric matrix a a^T."""
     return (mul(a[0], a[0]), mul(a[1], a[1]), mul(a[2], a[2]), mul(a[0], a[1]), mul(a[0], a[2]), mul(a[1], a[2]))

@@ -9,20 +9,28 @@ import numpy as np
 from kanejax._model.prepared import Prepared
 from kanejax._model.tree import Tree
 from kanejax._recursion.rows import in_order, take
+from kanejax._scalar import add, is_known, mul, sub
+from kanejax._types import Scalar
 
 
-def passive_force(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array) -> jax.Array:
-    """Springs, viscous damping and smoothed Coulomb friction, (nv, *batch).
+def passive_force(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array) -> Scalar:
+    """Springs, viscous damping and smoothed Coulomb friction, (nv, *batch), or 0 where it is known that there are none."""
+    opposing = add(mul(prepared.damping, u), add(friction_force(prepared, u), spring_force(tree, prepared, q)))
+    return sub(0.0, opposing)
 
-    Friction is -f u / sqrt(u^2 + width^2), which has every derivative at rest.
-    """
+
+def friction_force(prepared: Prepared, u: jax.Array) -> Scalar:
+    """Coulomb friction f u / sqrt(u^2 + width^2), which has every derivative at rest; opposes the motion, (nv, *batch)."""
+    if is_known(prepared.coulomb_friction):
+        return 0.0
     width = prepared.friction_width
-    friction = prepared.coulomb_friction * u * jax.lax.rsqrt(u * u + width * width)
-    return -prepared.damping * u - friction - spring_force(tree, prepared, q)
+    return prepared.coulomb_friction * u * jax.lax.rsqrt(u * u + width * width)
 
 
-def spring_force(tree: Tree, prepared: Prepared, q: jax.Array) -> jax.Array:
+def spring_force(tree: Tree, prepared: Prepared, q: jax.Array) -> Scalar:
     """Stiffness times displacement, as MuJoCo defines it for each joint type; opposes the displacement, (nv, *batch)."""
+    if is_known(prepared.stiffness):
+        return 0.0
     reference = prepared.spring_reference
     (plain_v, plain_q), (turning_v, turning_q) = tree.plain_speeds, tree.turning_speeds
     away = [take(q, plain_q) - take(reference, plain_q)]

@@ -30,6 +30,7 @@ from kanejax._scalar import (
     cross,
     dot,
     full,
+    inertia_of,
     minus,
     mul,
     plus,
@@ -99,12 +100,12 @@ def forward_dynamics(
     tree: Tree,
     links: LinkParameters,
     gravity: jax.Array | tuple[float, ...],
-    armature: jax.Array,
+    armature: Scalar,
     q: jax.Array,
     u: jax.Array,
     tau: jax.Array,
 ) -> jax.Array:
-    """u_dot (nv, *batch) from forces tau applied at the joints, all of (nv, *batch)."""
+    """u_dot (nv, *batch) from forces tau applied at the joints; armature is (nv, *batch), or a known 0."""
     if not tree.njoint:
         return tau
     root = Motion(IDENTITY, ZERO, ZERO, minus_gravity(gravity, q))
@@ -119,8 +120,8 @@ def forward_dynamics(
     return add(_substitute(tree, factor, [left for _, left in eliminated], q), coupling)
 
 
-def factorize(tree: Tree, links: LinkParameters, armature: jax.Array, q: jax.Array) -> Factor:
-    """Factor F(q) for `solve`; armature (nv, *batch), q (nq, *batch)."""
+def factorize(tree: Tree, links: LinkParameters, armature: Scalar, q: jax.Array) -> Factor:
+    """Factor F(q) for `solve`; armature (nv, *batch), or a known 0, q (nq, *batch)."""
     parts = list(zip(split_parameters(tree, links), joint_features(tree, q), strict=True))
     still = base_to_tip(tree, _stand, IDENTITY, parts, q)
     inputs = list(zip(still, split_speeds(tree, armature), strict=True))
@@ -138,7 +139,8 @@ def _stand(joint: Joint, parent: Matrix, link: tuple[Link, tuple]) -> tuple[Matr
     """A link in world axes, at rest."""
     links, features = link
     placed = place_link(joint, parent, links, features)
-    h, inertia = barrier((apply(placed.rotation, links.first_moment), rotate_symmetric(placed.rotation, links.inertia)))
+    h, second = barrier((apply(placed.rotation, links.first_moment), rotate_symmetric(placed.rotation, links.second_moment)))
+    inertia = barrier(inertia_of(second))
     return placed.rotation, WorldLink(placed.offset, placed.axes, links.mass, h, inertia)
 
 
@@ -154,7 +156,8 @@ def _move(joint: Joint, parent: Motion, link: tuple[Link, tuple, tuple]) -> tupl
     # The axis of a sliding joint turns with the parent: Coriolis acceleration, twice.
     a = plus(parent.a, cross(parent.alpha, placed.offset), cross(parent.w, across), scale(2.0, cross(parent.w, slide)))
     w, alpha, a = barrier((w, alpha, a))
-    h, inertia = barrier((apply(placed.rotation, links.first_moment), rotate_symmetric(placed.rotation, links.inertia)))
+    h, second = barrier((apply(placed.rotation, links.first_moment), rotate_symmetric(placed.rotation, links.second_moment)))
+    inertia = barrier(inertia_of(second))
     whirl, momentum = barrier((cross(w, h), apply_symmetric(inertia, w)))
     force = plus(scale(links.mass, a), cross(alpha, h), cross(w, whirl))
     moment = plus(apply_symmetric(inertia, alpha), cross(w, momentum), cross(h, a))

@@ -22,13 +22,14 @@ from kanejax._scalar import (
     barrier,
     cross,
     dot,
-    full,
     is_known,
+    mul,
+    outer_symmetric,
     plus,
     scale,
     sub,
 )
-from kanejax._types import Matrix, Scalar, Vector
+from kanejax._types import Matrix, Scalar, Symmetric, Vector
 
 
 class LinkInputs(NamedTuple):
@@ -54,11 +55,11 @@ def inertia_force(
     gravity: jax.Array | tuple[float, ...],
     q: jax.Array,
     u: jax.Array,
-    u_dot: jax.Array,
+    u_dot: Scalar,
 ) -> jax.Array:
     """Minus the generalized inertia and gravity forces, (nv, *batch): M(q) u_dot + bias(q, u), without armature.
 
-    `q` is relative to the coordinate references, `gravity` is (3, *batch).
+    `q` is relative to the coordinate references, `gravity` is (3, *batch), `u_dot` may be a known 0.
     """
     if not tree.njoint:
         return u
@@ -83,7 +84,7 @@ def _link_wrench(joint: Joint, parent: Motion, link: LinkInputs) -> tuple[Motion
     rotation, position = joint.place(*link.links.placement, link.features)
     w, alpha, a = parent
     # Acceleration of the joint, Nie (3.35) in classical form, and everything resolved in the link's axes (3.7).
-    a = plus(a, cross(alpha, position), cross(w, cross(w, position)))
+    a = plus(a, apply(_field(w, alpha)[0], position))
     w, alpha, a = (apply_transposed(rotation, x) for x in (w, alpha, a))
     axes = joint.link_axes(rotation)
     spin = plus(*(scale(speed, angular) for (angular, _), speed in zip(axes, link.speeds, strict=True)))
@@ -95,23 +96,39 @@ def _link_wrench(joint: Joint, parent: Motion, link: LinkInputs) -> tuple[Motion
 
 
 def _wrench(links: Link, motion: Motion) -> tuple[Vector, Vector]:
-    """Force m a and moment about the link's origin of the inertia forces of one link, reversed."""
-    (wx, wy, wz), (ax, ay, az), a = motion
-    xx, yy, zz, xy, xz, yz = wx * wx, wy * wy, wz * wz, wx * wy, wx * wz, wy * wz
-    # Acceleration of a point r of the link is a + s r, with s = [alpha x] + [w x][w x].
-    s: Matrix = ((-(yy + zz), xy - az, xz + ay), (xy + az, -(xx + zz), yz - ax), (xz - ay, yz + ax, -(xx + yy)))
+    """Force and moment about the link's origin of the inertia forces of one link, reversed."""
+    w, alpha, a = motion
+    (ax, ay, az), (s, (xx, yy, zz, xy, xz, yz)) = alpha, _field(w, alpha)
     h = links.first_moment
     force = plus(scale(links.mass, a), apply(s, h))
-    # Moment: integral of r x (a + s r) dm, from the second moments j = integral of r r^T dm.
-    ixx, iyy, izz, ixy, ixz, iyz = links.inertia
-    half = 0.5 * (ixx + iyy + izz)
-    j = full((half - ixx, half - iyy, half - izz, -ixy, -ixz, -iyz))
-
-    def second(row: int, col: int) -> Scalar:
-        return dot(s[row], j[col])
-
-    spin = (sub(second(2, 1), second(1, 2)), sub(second(0, 2), second(2, 0)), sub(second(1, 0), second(0, 1)))
+    # Moment: integral of r x (a + s r) dm, from the second moments; diagonal ones as in Euler's equations, where Ixx is jyy + jzz.
+    jxx, jyy, jzz, jxy, jxz, jyz = links.second_moment
+    (_, s01, s02), (s10, _, s12), (s20, s21, _) = s
+    spin = (
+        add(_euler(jyy, jzz, ax, yz, s21), sub(mul(jyz, sub(zz, yy)), sub(mul(jxz, s10), mul(jxy, s20)))),
+        sub(add(mul(jyz, s01), sub(mul(jxz, sub(xx, zz)), mul(jxy, s21))), _euler(jxx, jzz, ay, xz, s20, -1.0)),
+        add(_euler(jxx, jyy, az, xy, s10), sub(mul(jxy, sub(yy, xx)), sub(mul(jyz, s02), mul(jxz, s12)))),
+    )
     return force, plus(spin, cross(h, a))
+
+
+def _field(w: Vector, alpha: Vector) -> tuple[Matrix, Symmetric]:
+    """The s of a + s r, the acceleration of a point r of a link: [alpha x] + [w x][w x]; also w w^T."""
+    (ax, ay, az), products = alpha, outer_symmetric(w)
+    xx, yy, zz, xy, xz, yz = products
+    return (
+        (sub(0.0, add(yy, zz)), sub(xy, az), add(xz, ay)),
+        (add(xy, az), sub(0.0, add(xx, zz)), sub(yz, ax)),
+        (sub(xz, ay), add(yz, ax), sub(0.0, add(xx, yy))),
+    ), products
+
+
+def _euler(one: Scalar, other: Scalar, alpha: Scalar, product: Scalar, both: Scalar, sign: float = 1.0) -> Scalar:
+    """Turn of Euler's equations: sign (one + other) alpha + (one - other) product, where `both` is sign alpha + product."""
+    total, difference = add(one, other), sub(one, other)
+    if difference is total or (is_known(total) and is_known(difference) and difference == total):
+        return mul(total, both)
+    return add(mul(mul(sign, total), alpha), mul(difference, product))
 
 
 def _project(joint: Joint, outer: tuple[Vector, Vector], link: tuple) -> tuple[tuple[Vector, Vector], tuple[Scalar, ...]]:

@@ -25,6 +25,8 @@ from kanejax._scalar import (
     apply_symmetric,
     barrier,
     cross,
+    inertia_of,
+    is_known,
     minus,
     outer_symmetric,
     plus,
@@ -42,7 +44,7 @@ class RigidInertia(NamedTuple):
     inertia: Symmetric
 
 
-def mass_matrix(tree: Tree, links: LinkParameters, armature: jax.Array, q: jax.Array) -> jax.Array:
+def mass_matrix(tree: Tree, links: LinkParameters, armature: Scalar, q: jax.Array) -> jax.Array:
     """F(q), (nv, nv, *batch); `q` is (nq, *batch), relative to the coordinate references."""
     if not tree.njoint:
         return jnp.zeros((0, 0, *q.shape[1:]), q.dtype)
@@ -71,7 +73,8 @@ def _place(joint: Joint, parent: Frames, link: tuple[Link, tuple]) -> tuple[Fram
     links, features = link
     placed = place_link(joint, parent.rotation, links, features)
     origin = plus(parent.position, placed.offset)
-    h, inertia = barrier((apply(placed.rotation, links.first_moment), rotate_symmetric(placed.rotation, links.inertia)))
+    h, second = barrier((apply(placed.rotation, links.first_moment), rotate_symmetric(placed.rotation, links.second_moment)))
+    inertia = barrier(inertia_of(second))
     axes = tuple((angular, plus(linear, cross(origin, angular))) for angular, linear in placed.axes)
     return Frames(placed.rotation, origin), barrier((axes, RigidInertia(links.mass, *_about_world(links.mass, h, inertia, origin))))
 
@@ -108,11 +111,12 @@ def _components(tree: Tree, pairs: list[tuple[tuple[Vector, Vector], ...]], like
     ]
 
 
-def _symmetric(tree: Tree, products: jax.Array, armature: jax.Array) -> jax.Array:
+def _symmetric(tree: Tree, products: jax.Array, armature: Scalar) -> jax.Array:
     """Keep products where the second speed's joint hangs on the first's, mirror them, and add the rotors."""
     joint = tree.speed_joints
     carried = tree.link_ancestors[joint[None, :], joint[:, None]]
     trailing = (1,) * (products.ndim - 2)
     mask, eye = carried.reshape(*carried.shape, *trailing), np.eye(tree.nv, dtype=bool).reshape(*carried.shape, *trailing)
     mirrored = jnp.where(mask.swapaxes(0, 1), products.swapaxes(0, 1), 0.0)
-    return jnp.where(mask, products, mirrored) + jnp.where(eye, armature[:, None], 0.0)
+    rotors = 0.0 if is_known(armature) else jnp.where(eye, armature[:, None], 0.0)
+    return add(jnp.where(mask, products, mirrored), rotors)

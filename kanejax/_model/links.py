@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from kanejax._model.model import Model
+from kanejax._model.regroup import Moments, regroup
 from kanejax._model.tree import WORLD, Tree
 
 # Poses are arrays (n, 3, 4): a rotation to the outer frame's components, and the position of the origin in it.
@@ -22,29 +23,30 @@ Rows = jax.Array | np.ndarray
 
 
 class LinkParameters(NamedTuple):
-    """Parameters of the links, each in its link's frame.
+    """Parameters of the links, each in its link's frame; moments of the mass about its origin, as `regroup` leaves them.
 
     Attributes:
         rotation: from link to parent link components at zero displacement, (nlink, 3, 3).
         position: of the link's origin in the parent link's frame at zero displacement, (nlink, 3).
-        mass: of all bodies of the link, (nlink,).
-        first_moment: mass times the position of the mass centre, (nlink, 3).
-        inertia: about the link's origin: xx, yy, zz, xy, xz, yz, (nlink, 6).
+        mass: (nlink,).
+        first_moment: sum of m r, (nlink, 3).
+        second_moment: sum of m r r^T: xx, yy, zz, xy, xz, yz, (nlink, 6).
     """
 
     rotation: Rows
     position: Rows
     mass: Rows
     first_moment: Rows
-    inertia: Rows
+    second_moment: Rows
 
 
-def link_parameters(model: Model) -> LinkParameters:
-    """Parameters of the links from those of bodies and joints."""
+def link_parameters(model: Model, upright: tuple[bool, ...] = ()) -> LinkParameters:
+    """Parameters of the links from those of bodies and joints; `upright` as for `regroup`."""
     bodies = body_poses_in_links(model)
     placements = _placements(model, bodies)
-    mass, first_moment, inertia = _fused_inertia(model, bodies)
-    return LinkParameters(placements[..., :3], placements[..., 3], mass, first_moment, inertia)
+    mass, first, second = regroup(model.tree, placements, _fused_moments(model, bodies), upright)
+    six = jnp.stack([second[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))], -1)
+    return LinkParameters(placements[..., :3], placements[..., 3], mass, first, six)
 
 
 def body_poses_in_links(model: Model) -> Poses34:
@@ -124,18 +126,18 @@ def _placements(model: Model, bodies: Poses34) -> Poses34:
     return compose(base, own)
 
 
-def _fused_inertia(model: Model, bodies: Poses34) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Mass, first moment and inertia about its origin of each link, summed over its bodies."""
+def _fused_moments(model: Model, bodies: Poses34) -> Moments:
+    """Moments of the mass of each link about its origin, summed over its bodies."""
     rotation = bodies[..., :3]
     com = jnp.sum(rotation * model.com[:, None, :], -1) + bodies[..., 3]
-    first_moment = model.mass[:, None] * com
+    first = model.mass[:, None] * com
     central = 0.5 * (model.central_inertia + jnp.swapaxes(model.central_inertia, -1, -2))
     half = jnp.sum(rotation[..., :, :, None] * central[..., None, :, :], -2)
     turned = jnp.sum(half[..., :, None, :] * rotation[..., None, :, :], -1)
-    inertia = [turned[:, i, j] - first_moment[:, i] * com[:, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    squared = jnp.sum(first_moment * com, -1)
-    six = jnp.stack([inertia[0] + squared, inertia[1] + squared, inertia[2] + squared, *inertia[3:]], -1)
-    return _sum_over_bodies(model.tree, model.mass), _sum_over_bodies(model.tree, first_moment), _sum_over_bodies(model.tree, six)
+    # Inertia is tr(J) 1 - J for the second moment J, whose trace is therefore half that of the inertia.
+    spread = 0.5 * jnp.trace(turned, axis1=-2, axis2=-1)[:, None, None] * jnp.eye(3, dtype=turned.dtype)[None] - turned
+    second = spread + first[:, :, None] * com[:, None, :]
+    return Moments(*(_sum_over_bodies(model.tree, x) for x in (model.mass, first, second)))
 
 
 def _sum_over_bodies(tree: Tree, of_bodies: jax.Array) -> jax.Array:

@@ -9,29 +9,34 @@ import numpy as np
 from kanejax._model.links import LinkParameters, link_parameters
 from kanejax._model.model import Model
 from kanejax._model.tree import COORDINATES, Tree
+from kanejax._scalar import sub
+from kanejax._types import Scalar
 
 
 class Prepared(NamedTuple):
-    """Link parameters, gravity, and the parameters of joints and speeds, with trailing batch axes."""
+    """Link parameters, gravity, and the parameters of joints and speeds, with trailing batch axes.
+
+    A `Scalar` may be the number 0 instead, where it is known that all are.
+    """
 
     links: LinkParameters
     gravity: jax.Array
-    armature: jax.Array
-    damping: jax.Array
-    stiffness: jax.Array
+    armature: Scalar
+    damping: Scalar
+    stiffness: Scalar
     spring_reference: jax.Array
-    coordinate_reference: jax.Array
-    coulomb_friction: jax.Array
+    coordinate_reference: Scalar
+    coulomb_friction: Scalar
     friction_width: jax.Array
 
 
-def prepare(model: Model) -> Prepared:
-    """Compute the parameters of the links from those of the bodies and joints."""
+def prepare(model: Model, upright: tuple[bool, ...] = ()) -> Prepared:
+    """Compute the parameters of the links from those of the bodies and joints; `upright` as for `regroup`."""
     turns_or_slides = np.repeat(
         [COORDINATES[kind] == 1 for kind in model.tree.joint_types], [COORDINATES[kind] for kind in model.tree.joint_types]
     )
     return Prepared(
-        link_parameters(model),
+        link_parameters(model, upright),
         model.gravity,
         model.armature,
         model.damping,
@@ -45,11 +50,11 @@ def prepare(model: Model) -> Prepared:
 
 def batch_shape(prepared: Prepared) -> tuple[int, ...]:
     """The trailing batch axes of all parameters together; those that are None have none."""
-    rotation, position, mass, first_moment, inertia = prepared.links
-    own_axes = [(rotation, 3), (position, 2), (mass, 1), (first_moment, 2), (inertia, 2), *((x, 1) for x in prepared[1:])]
+    rotation, position, mass, first, second = prepared.links
+    own_axes = [(rotation, 3), (position, 2), (mass, 1), (first, 2), (second, 2), *((x, 1) for x in prepared[1:])]
     return np.broadcast_shapes(*(x.shape[own:] for x, own in own_axes if x is not None))
 
 
 def displacement(tree: Tree, prepared: Prepared, q: jax.Array) -> jax.Array:
     """Coordinates relative to the pose that the body placements describe; ball and free joints have absolute ones."""
-    return q - prepared.coordinate_reference
+    return sub(q, prepared.coordinate_reference)  # type: ignore[return-value]

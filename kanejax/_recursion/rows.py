@@ -11,7 +11,7 @@ from kanejax._model.links import LinkParameters, Rows
 from kanejax._model.tree import Tree
 from kanejax._recursion.joints import CYCLE, Free, Joint, Step, StepFeatures
 from kanejax._recursion.plan import Segment, segments
-from kanejax._scalar import barrier, sincos
+from kanejax._scalar import barrier, is_known, sincos
 from kanejax._types import Matrix, Scalar, Symmetric, Vector
 
 PyTree = Any
@@ -30,7 +30,7 @@ class Link(NamedTuple):
     placement: Frames
     mass: Scalar
     first_moment: Vector
-    inertia: Symmetric
+    second_moment: Symmetric
 
 
 class Column:
@@ -51,23 +51,29 @@ def is_frozen(rows: PyTree) -> bool:
 
 def split_parameters(tree: Tree, parameters: LinkParameters) -> list[Link]:
     """Link parameters by component, (length, *batch), for each segment."""
-    return [_segment_parameters(segment, parameters) for segment in segments(tree)]
+    return [_segment_parameters(tree, segment, parameters) for segment in segments(tree)]
 
 
-def _segment_parameters(segment: Segment, parameters: LinkParameters) -> Link:
+def _segment_parameters(tree: Tree, segment: Segment, parameters: LinkParameters) -> Link:
     """Rows of one segment: all but the last of a link are massless, and all but the first only exchange axes."""
-    rotation, position, mass, first_moment, inertia = (take(leaf, segment.links) for leaf in parameters)
+    rotation, position, mass, first_moment, second_moment = (take(leaf, segment.links) for leaf in parameters)
     rotation, position = _or_else(segment.first, rotation, np.array(CYCLE)), _or_else(segment.first, position, np.zeros(3))
     mass, first_moment = _or_else(segment.last, mass, np.zeros(())), _or_else(segment.last, first_moment, np.zeros(3))
-    inertia = _or_else(segment.last, inertia, np.zeros(6))
+    second_moment = _or_else(segment.last, second_moment, np.zeros(6))
+    turns = all(tree.joint_types[link] == "revolute" for link in segment.links)
+
+    def component(leaf: Rows, i: int) -> Scalar:
+        # What regrouping leaves of links that turn is known to vanish along z.
+        return 0.0 if turns and i == 2 and not isinstance(leaf, np.ndarray) else leaf[:, i]
+
     return Link(
         Frames(
             tuple(tuple(rotation[:, i, j] for j in range(3)) for i in range(3)),  # type: ignore[arg-type]
             tuple(position[:, i] for i in range(3)),  # type: ignore[arg-type]
         ),
-        mass,
-        tuple(first_moment[:, i] for i in range(3)),  # type: ignore[arg-type]
-        tuple(inertia[:, i] for i in range(6)),  # type: ignore[arg-type]
+        0.0 if turns and not isinstance(mass, np.ndarray) else mass,
+        tuple(component(first_moment, i) for i in range(3)),  # type: ignore[arg-type]
+        tuple(component(second_moment, i) for i in range(6)),  # type: ignore[arg-type]
     )
 
 
@@ -95,8 +101,10 @@ def take(leaf: Any, rows: Sequence[int] | np.ndarray) -> Any:
     return leaf[index]
 
 
-def split_speeds(tree: Tree, u: jax.Array) -> list[tuple[Scalar, ...]]:
-    """Speeds or forces (nv, *batch) as one component for each speed of a row, for each segment."""
+def split_speeds(tree: Tree, u: Scalar) -> list[tuple[Scalar, ...]]:
+    """Speeds or forces (nv, *batch), or one known number, as one component for each speed of a row, for each segment."""
+    if is_known(u):
+        return [(u,) * len(segment.speeds[0]) for segment in segments(tree)]
     return [tuple(take(u, speeds) for speeds in zip(*segment.speeds, strict=True)) for segment in segments(tree)]
 
 

@@ -5,7 +5,7 @@ scalars. So a program has a few loops whatever the number of bodies, compiles in
 Only for specialized models, whose parameters are known numbers, the loops over a batch are written out.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -14,6 +14,7 @@ import numpy as np
 from jax import lax
 
 from kanejax._model.tree import WORLD, Tree
+from kanejax._recursion.joints import Joint
 from kanejax._recursion.plan import NONE, Segment, segments
 from kanejax._recursion.rows import Column, is_frozen, joint_rows
 from kanejax._scalar import add, barrier, is_known
@@ -58,6 +59,20 @@ def tip_to_base(tree: Tree, step: RowFunction, zero: PyTree, inputs: list[PyTree
             received = dict(zip(segment.carriers, sent, strict=True))
             outputs.append(output)
     return outputs[::-1]
+
+
+def is_written_out(tree: Tree, inputs: list[PyTree], like: jax.Array) -> bool:
+    """Whether the sweeps write out every row of these inputs."""
+    return all(_unrolled(segment, rows, like) for segment, rows in zip(segments(tree), inputs, strict=True))
+
+
+def written_out(tree: Tree, inputs: list[PyTree]) -> Iterator[tuple[Segment, int, Joint, PyTree]]:
+    """Every row of every segment, parents first: its segment and place there, its joint, and its inputs."""
+    for segment, rows in zip(segments(tree), inputs, strict=True):
+        joints = joint_rows(tree, segment)
+        for i in range(len(segment.links)):
+            joint, row = _row((joints, rows), i)
+            yield segment, i, joint, row
 
 
 def _unrolled(segment: Segment, rows: PyTree, like: jax.Array) -> bool:
