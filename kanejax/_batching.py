@@ -21,6 +21,8 @@ from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from kanejax._sharding import call_in_parts, result_type, vary_alike
+
 CHUNK = 256
 
 Arrays = tuple[jax.Array, ...]
@@ -29,7 +31,7 @@ Shapes = tuple[jax.ShapeDtypeStruct, ...]
 
 def call(function: Callable[..., Arrays], static: tuple, operands: Arrays) -> list[jax.Array]:
     """Evaluate `function(*static, *operands)`, a tuple of arrays, under any transformation; `static` must be hashable."""
-    return kernel_call.bind(*operands, kernel=Function(function, static), size=None, batched=(), summed=())
+    return _bind(*operands, kernel=Function(function, static), size=None, batched=(), summed=())
 
 
 @final
@@ -193,6 +195,11 @@ kernel_call = Primitive("kanejax_kernel")
 kernel_call.multiple_results = True
 
 
+def _bind(*operands: jax.Array, **params: Any) -> list[jax.Array]:
+    """Call the primitive."""
+    return kernel_call.bind(*vary_alike(operands), **params)
+
+
 @kernel_call.def_impl
 def _evaluate(*operands: jax.Array, **params: Any) -> list[jax.Array]:
     return _compiled(tuple(sorted(params.items(), key=lambda item: item[0])))(*operands)
@@ -200,15 +207,15 @@ def _evaluate(*operands: jax.Array, **params: Any) -> list[jax.Array]:
 
 @functools.lru_cache(maxsize=1024)
 def _compiled(params: tuple) -> Callable[..., list[jax.Array]]:
-    return jax.jit(functools.partial(kernel_call.bind, **dict(params)))
+    return jax.jit(functools.partial(_bind, **dict(params)))
 
 
 @kernel_call.def_abstract_eval
 def _shapes(*operands: Any, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> list[Any]:
     of_one = kernel.shapes(_of_one(operands, batched))
     if size is None:
-        return [ShapedArray(x.shape, x.dtype) for x in of_one]
-    return [ShapedArray(x.shape if adds else (size, *x.shape), x.dtype) for x, adds in zip(of_one, summed, strict=True)]
+        return [result_type(x.shape, x.dtype, operands) for x in of_one]
+    return [result_type(x.shape if adds else (size, *x.shape), x.dtype, operands) for x, adds in zip(of_one, summed, strict=True)]
 
 
 def _batch(operands: tuple, dims: tuple, *, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> tuple:
@@ -218,16 +225,16 @@ def _batch(operands: tuple, dims: tuple, *, kernel: Any, size: int | None, batch
     moving = tuple(d is not None for d in dims)
     first = [jnp.moveaxis(x, d, 0) if moves else x for x, d, moves in zip(operands, dims, moving, strict=True)]
     summed = (False,) * len(kernel.shapes(_of_one(first, moving)))
-    results = kernel_call.bind(*first, kernel=kernel, size=length, batched=moving, summed=summed)
+
+    def bind(operands: Sequence[jax.Array], size: int) -> list[jax.Array]:
+        return _bind(*operands, kernel=kernel, size=size, batched=moving, summed=summed)
+
+    results = call_in_parts(bind, first, moving, length)
     return results, (0,) * len(results)
 
 
 def _batch_again(operands: tuple, dims: tuple, length: int, *, kernel: Any, size: int, batched: tuple, summed: tuple) -> tuple:
-    """A batch of batches is one batch, of everything that moves in either; sums over the inner one are left to plain vmap."""
-    if any(summed):
-        run = functools.partial(_run, kernel=kernel, size=size, batched=batched, summed=summed, chunk=None)
-        results = jax.vmap(run, in_axes=dims, axis_size=length)(*operands)
-        return results, (0,) * len(results)
+    """A batch of batches is one batch, of everything that moves in either."""
     moving = tuple(b or d is not None for b, d in zip(batched, dims, strict=True))
     flat = []
     for x, d, inner, moves in zip(operands, dims, batched, moving, strict=True):
@@ -236,17 +243,22 @@ def _batch_again(operands: tuple, dims: tuple, length: int, *, kernel: Any, size
             x = x if inner else x[:, None]
             x = jnp.broadcast_to(x, (length, size, *x.shape[2:])).reshape(length * size, *x.shape[2:])
         flat.append(x)
-    results = kernel_call.bind(*flat, kernel=kernel, size=length * size, batched=moving, summed=summed)
-    return [r.reshape(length, size, *r.shape[1:]) for r in results], (0,) * len(results)
+
+    def bind(operands: Sequence[jax.Array], size: int) -> list[jax.Array]:
+        return _bind(*operands, kernel=kernel, size=size, batched=moving, summed=(False,) * len(summed))
+
+    results = call_in_parts(bind, flat, moving, length * size)
+    results = [r.reshape(length, size, *r.shape[1:]) for r in results]
+    return [jnp.sum(r, 1) if adds else r for r, adds in zip(results, summed, strict=True)], (0,) * len(results)
 
 
 def _differentiate(primals: tuple, tangents: tuple, *, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> tuple:
-    results = kernel_call.bind(*primals, kernel=kernel, size=size, batched=batched, summed=summed)
+    results = _bind(*primals, kernel=kernel, size=size, batched=batched, summed=summed)
     varied = tuple(i for i, t in enumerate(tangents) if not isinstance(t, ad.Zero))
     moving = (*batched, *(batched[i] for i in varied)) if size is not None else ()
     derivative = Tangent(kernel, varied, len(primals))
     given = [ad.instantiate_zeros(tangents[i]) for i in varied]
-    changes = kernel_call.bind(*primals, *given, kernel=derivative, size=size, batched=moving, summed=summed)
+    changes = _bind(*primals, *given, kernel=derivative, size=size, batched=moving, summed=summed)
     return results, changes
 
 
@@ -263,17 +275,30 @@ def _transpose(cotangents: list, *operands: Any, kernel: Any, size: int | None, 
         flipped = Tangent(kernel.kernel, kernel.varied, kernel.count)
         wanted = list(range(kernel.count, len(operands)))
     if size is None:
-        results = kernel_call.bind(*primals, *given, kernel=flipped, size=None, batched=(), summed=())
+        results = _bind(*primals, *given, kernel=flipped, size=None, batched=(), summed=())
     else:
         moving = (*moving, *(not adds for adds in summed))
         adds = tuple(not batched[i] for i in wanted)
-        results = kernel_call.bind(*primals, *given, kernel=flipped, size=size, batched=moving, summed=adds)
+        results = _bind(*primals, *given, kernel=flipped, size=size, batched=moving, summed=adds)
     found = dict(zip(wanted, results, strict=True))
     return [found[i] if i in unknown else None for i in range(len(operands))]
+
+
+def _lowering(chunk: int | None) -> Callable[..., Any]:
+    """How to compile a call, with chunks of the batch or without."""
+    lower = mlir.lower_fun(functools.partial(_run, chunk=chunk), multiple_results=True)
+
+    def lower_on_one_device(context: mlir.LoweringRuleContext, *operands: Any, **params: Any) -> Any:
+        # Types that say over which axes numbers vary have done their work, and the loops would have to repeat them.
+        types: Sequence[Any] = context.avals_in
+        plain = [ShapedArray(x.shape, x.dtype) for x in types]
+        return lower(context.replace(avals_in=plain), *operands, **params)
+
+    return lower_on_one_device
 
 
 batching.primitive_batchers[kernel_call] = _batch
 ad.primitive_jvps[kernel_call] = _differentiate
 ad.primitive_transposes[kernel_call] = _transpose
-mlir.register_lowering(kernel_call, mlir.lower_fun(functools.partial(_run, chunk=None), multiple_results=True))
-mlir.register_lowering(kernel_call, mlir.lower_fun(functools.partial(_run, chunk=CHUNK), multiple_results=True), platform="cpu")
+mlir.register_lowering(kernel_call, _lowering(chunk=None))
+mlir.register_lowering(kernel_call, _lowering(chunk=CHUNK), platform="cpu")

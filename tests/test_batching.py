@@ -1,5 +1,9 @@
 """The batching primitive: every order of vmap, grad and jit gives what a plain loop over states gives."""
 
+import json
+import subprocess
+import sys
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -116,6 +120,35 @@ def test_gradient_of_a_gradient_over_the_batch(case):
     expected = jax.jit(jax.grad(penalty(plain)))(*case)
     for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
         assert relative(a, b) < 1e-10
+
+
+def test_gradients_of_sums_for_several_models(case):
+    """The batch within is summed over, the one outside is not; and the derivative of that."""
+    model, *states = case
+    models = jax.tree.map(lambda x: x[None] * jnp.reshape(jnp.array([1.0, 0.8, 1.3]), (3,) + (1,) * x.ndim), model)
+
+    def slopes(dynamics):
+        loss = jax.grad(lambda *args: jnp.sum(jnp.sin(jax.vmap(dynamics, (None, 0, 0, 0))(*args))), (0, 1))
+        return jax.vmap(loss, (0, None, None, None))
+
+    def penalty(dynamics):
+        return lambda *args: sum(jnp.sum(x**2) for x in jax.tree.leaves(slopes(dynamics)(*args)))
+
+    for of in (slopes, lambda dynamics: jax.grad(penalty(dynamics))):
+        found, expected = (jax.jit(of(dynamics))(models, *states) for dynamics in (kj.inverse_dynamics, plain))
+        for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+            assert relative(a, b) < 1e-10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["checked", "unchecked", "auto", "explicit"])
+def test_two_devices_compute_what_one_does(how):
+    program = [sys.executable, "-m", "tests.helpers.two_devices", how]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    errors = json.loads(done.stdout)
+    assert len(errors) >= 3
+    assert {case: error for case, error in errors.items() if not error < 1e-12} == {}
 
 
 def test_without_jit(case):

@@ -62,6 +62,41 @@ def test_kept_leaves_are_parameters(keep):
         assert relative(a, b) < 1e-9
 
 
+def quantities(model, q, u, other):
+    """What is computed body by body."""
+    force = jnp.reshape(jnp.sin(jnp.arange(6.0 * model.nbody)), (2, model.nbody, 3))
+    return {
+        "poses": kj.poses(model, q),
+        "partial velocities": kj.partial_velocities(model, q),
+        "rates": kj.partial_velocity_rates(model, q, u),
+        "kinetic energy": kj.kinetic_energy(model, q, u),
+        "potential energy": kj.potential_energy(model, q),
+        "momentum": kj.momentum(model, q, u),
+        "mass centre": kj.center_of_mass(model, q),
+        "external force": kj.external_force(model, q, *force),
+        "reactions": kj.joint_reactions(model, q, u, other),
+    }
+
+
+@pytest.mark.parametrize("keep", [(), ("mass", "com", "stiffness"), ("body_position", "gravity")], ids=str)
+def test_kinematics_energies_and_wrenches(keep):
+    model, states = shuffled(8, ("free", "hinge", "ball"))
+    some = kj.specialize(model, keep)
+    values = {name: getattr(model, name) + 0.1 for name in keep}
+
+    def with_gradients(change):
+        def combined(values, *state):
+            found = quantities(change(**values), *state)
+            # A combination of all components with unequal weights: its gradient is wrong if that of any of them is.
+            return sum(jnp.sum(jnp.cos(jnp.arange(x.size)) * x.ravel()) for x in jax.tree.leaves(found)), found
+
+        return jax.jit(jax.vmap(jax.grad(combined, (0, 1, 2), has_aux=True), (None, 0, 0, 0)))(values, *states)
+
+    found, expected = with_gradients(some.replace), with_gradients(model.replace)
+    for (path, a), b in zip(jax.tree.leaves_with_path(found), jax.tree.leaves(expected), strict=True):
+        assert relative(a, b) < 1e-12, path
+
+
 def test_kept_leaves_can_be_batched():
     model, (q, u, other) = shuffled(9)
     some, masses = kj.specialize(model, ["mass"]), model.mass[None, :] * jnp.array([[1.0], [2.0], [0.5]])

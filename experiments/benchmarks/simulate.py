@@ -1,5 +1,6 @@
 """Many trajectories of a falling arm with adaptive Tsit5, per dynamics evaluation, against MuJoCo's threads in C."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -29,18 +30,20 @@ def run(quick: bool) -> None:
         with jax.enable_x64(dtype == "float64"):
             robot = robots.iiwa14()
             at = robots.states(robot, batch, SEED)
-            call, lockstep = ours(robot, at, dtype)
+            call, specialized, lockstep = ours(robot, at, dtype)
             trajectory = call()
             taken = np.asarray(trajectory.stats["num_steps"])
-            verify(robot, at, trajectory, 5e-2 if dtype == "float32" else 5e-4)
+            for found in (trajectory, specialized()):
+                verify(robot, at, found, 5e-2 if dtype == "float32" else 5e-4)
             useful = STAGES * int(taken.sum())
-            candidates = [Candidate("kanejax", call, useful), Candidate("vmap", lockstep, useful)]
+            candidates = [Candidate(*row, useful) for row in (("kanejax", call), ("specialized", specialized), ("vmap", lockstep))]
             timings = compare([*candidates, Candidate("MuJoCo", theirs(robot, at), STEPS * batch)], effort(quick))
         own = timings["kanejax"]
         row = (dtype, useful / batch, STAGES * int(taken.max()), own.median * useful)
         row += (own.nanoseconds, ratio(timings, "vmap", "kanejax"))
         times = ratio(timings, "MuJoCo", "kanejax")
         row += (timings["MuJoCo"].nanoseconds, times, least_ratio(timings, "MuJoCo", "kanejax"), at_least(times, TARGET))
+        row += (timings["specialized"].nanoseconds, ratio(timings, "MuJoCo", "specialized"))
         rows.append(row)
         details.append({"dtype": dtype, "batch": batch, "timings": {name: timing.record for name, timing in timings.items()}})
     headers = (
@@ -54,17 +57,21 @@ def run(quick: bool) -> None:
         "times",
         "least/least",
         "target",
+        "specialized",
+        "times",
     )
     report("simulate", [Table(f"{batch} trajectories of 1 s, iiwa14, adaptive Tsit5", headers, rows)], details)
 
 
-def ours(robot: robots.Robot, at: robots.States, dtype: str) -> tuple[Callable, Callable]:
-    """`simulate_batch`, and `jax.vmap` of `simulate`, where all trajectories wait for the one that needs most steps."""
+def ours(robot: robots.Robot, at: robots.States, dtype: str) -> tuple[Callable, Callable, Callable]:
+    """`simulate_batch`, also of the specialized model, and `jax.vmap` of `simulate`, where all wait for the longest."""
     model = robot.model.astype(dtype)
+    frozen = kj.specialize(model)
     x = at.arrays(dtype)
     ts = np.array([0.0, 1.0], dtype)
     lockstep = jax.jit(jax.vmap(lambda model, q, u: kj.simulate(model, q, u, ts), (None, 0, 0)))
-    return lambda: kj.simulate_batch(model, x.q, x.u, ts), lambda: lockstep(model, x.q, x.u)
+    batches = (functools.partial(kj.simulate_batch, m, x.q, x.u, ts) for m in (model, frozen))
+    return *batches, lambda: lockstep(model, x.q, x.u)
 
 
 def theirs(robot: robots.Robot, at: robots.States) -> Callable:

@@ -14,7 +14,7 @@ from kanejax._kinematics.partial_velocity import partial_velocities
 from kanejax._kinematics.pose import poses
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, displacement
-from kanejax._model.specialized import Specialized
+from kanejax._model.specialized import Specialized, whole
 from kanejax._model.tree import Tree
 from kanejax._types import Coordinates, Speeds
 
@@ -33,16 +33,18 @@ def kinetic_energy(model: Model | Specialized, q: Coordinates, u: Speeds) -> Flo
     return 0.5 * jnp.dot(u, momentum, precision="highest")
 
 
-def potential_energy(model: Model, q: Coordinates) -> Float[Array, ""]:
+def potential_energy(model: Model | Specialized, q: Coordinates) -> Float[Array, ""]:
     """Energy [J] of gravity, zero with all mass centres at the world's origin, and of springs; MuJoCo's first of `energy`."""
     check_state(model, q=q)
+    model = whole(model)
     heights = poses(model, q).com @ model.gravity
     return -jnp.dot(model.mass, heights, precision="highest") + spring_energy(model, q)
 
 
-def spring_energy(model: Model, q: Coordinates) -> Float[Array, ""]:
+def spring_energy(model: Model | Specialized, q: Coordinates) -> Float[Array, ""]:
     """Energy [J] stored in the joints' springs: stiffness times the squared displacement, halved."""
     check_state(model, q=q)
+    model = whole(model)
     tree, reference = model.tree, model.spring_reference
     (plain_v, plain_q), (turning_v, turning_q) = tree.plain_speeds, tree.turning_speeds
     along = model.stiffness[tree.speed_joints[plain_v]] * (q[plain_q] - reference[plain_q]) ** 2
@@ -51,9 +53,10 @@ def spring_energy(model: Model, q: Coordinates) -> Float[Array, ""]:
     return 0.5 * (jnp.sum(along) + jnp.sum(about))
 
 
-def momentum(model: Model, q: Coordinates, u: Speeds, point: Float[Array, "3"] | None = None) -> Momentum:
+def momentum(model: Model | Specialized, q: Coordinates, u: Speeds, point: Float[Array, "3"] | None = None) -> Momentum:
     """Linear momentum, and angular momentum about `point` (the common mass centre if left out), in world axes."""
     check_state(model, q=q, u=u)
+    model = whole(model)
     at, partial = poses(model, q), partial_velocities(model, q)
     w, v = jnp.einsum("kri,r->ki", partial.angular, u), jnp.einsum("kri,r->ki", partial.linear, u)
     linear = model.mass[:, None] * v
@@ -62,8 +65,9 @@ def momentum(model: Model, q: Coordinates, u: Speeds, point: Float[Array, "3"] |
     return Momentum(linear.sum(0), (jnp.cross(at.com - about[None, :], linear) + spin).sum(0))
 
 
-def center_of_mass(model: Model, q: Coordinates) -> Float[Array, "3"]:
+def center_of_mass(model: Model | Specialized, q: Coordinates) -> Float[Array, "3"]:
     """Mass centre of all bodies [m], in world axes."""
+    model = whole(model)
     return model.mass @ poses(model, q).com / model.mass.sum()
 
 

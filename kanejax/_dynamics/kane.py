@@ -10,14 +10,24 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from kanejax._evaluate import check_state
+from kanejax._kinematics.change_of_speeds import (
+    chosen_forces,
+    chosen_mass_matrix,
+    chosen_partial_rates,
+    chosen_partials,
+    own_motion,
+    product,
+)
 from kanejax._kinematics.partial_velocity import PartialVelocities, partial_velocities, partial_velocity_rates
 from kanejax._kinematics.pose import poses
+from kanejax._model.generalized_speeds import WithSpeeds, own
 from kanejax._model.model import Model
+from kanejax._model.specialized import whole
 from kanejax._types import Coordinates, Forces, Speeds
 
 
 class KaneEquations(NamedTuple):
-    """The terms of F u_dot + Z = K + tau, Nie (3.56), at one state.
+    """The terms of F u_dot + Z = K + tau, Nie (3.56), at one state; with W^T tau for tau in chosen speeds, see `with_speeds`.
 
     Attributes:
         partial: partial (angular) velocities of the bodies, Nie (3.12), (3.26).
@@ -34,7 +44,7 @@ class KaneEquations(NamedTuple):
     gravity_force: Forces
 
 
-def kane_equations(model: Model, q: Coordinates, u: Speeds) -> KaneEquations:
+def kane_equations(model: Model | WithSpeeds, q: Coordinates, u: Speeds) -> KaneEquations:
     """Form Kane's equations from partial velocities, body by body.
 
     Equal to what `mass_matrix`, `bias_force` and `gravity_force` accumulate tip to base:
@@ -43,7 +53,9 @@ def kane_equations(model: Model, q: Coordinates, u: Speeds) -> KaneEquations:
     Raises:
         ValueError: a shape or data type does not fit the model.
     """
-    check_state(model, q=q, u=u)
+    check_state(own(model), q=q, u=u)
+    if isinstance(model, WithSpeeds):
+        return _in_chosen_speeds(model, q, u)
     partial = partial_velocities(model, q)
     rates = partial_velocity_rates(model, q, u)
     inertia = world_inertia(model, q)
@@ -62,6 +74,22 @@ def kane_equations(model: Model, q: Coordinates, u: Speeds) -> KaneEquations:
         + jnp.diag(model.armature),
         jnp.einsum("kri,ki->r", partial.angular, moment) + jnp.einsum("kri,ki->r", partial.linear, force),
         jnp.einsum("kri,ki->r", partial.linear, weight),
+    )
+
+
+def _in_chosen_speeds(model: WithSpeeds, q: Coordinates, u: Speeds) -> KaneEquations:
+    """The same in chosen speeds; what changes while these stand still belongs to the remainder Z."""
+    rates, rates_dot = own_motion(model, q, u, jnp.zeros_like(u))
+    equations = kane_equations(whole(model.model), q, rates)
+    partial = PartialVelocities(*chosen_partials(model, q, *equations.partial))
+    turning = PartialVelocities(*chosen_partial_rates(model, q, u, *zip(equations.partial, equations.rates, strict=True)))
+    remainder = equations.inertia_remainder + product(equations.mass_matrix, rates_dot)
+    return KaneEquations(
+        partial,
+        turning,
+        chosen_mass_matrix(model, q, equations.mass_matrix),
+        chosen_forces(model, q, remainder),
+        chosen_forces(model, q, equations.gravity_force),
     )
 
 

@@ -10,6 +10,7 @@ from kanejax._evaluate import check_state
 from kanejax._kinematics.partial_velocity import partial_velocities, partial_velocities_of_points, partial_velocity_rates
 from kanejax._kinematics.pose import poses
 from kanejax._model.model import Model
+from kanejax._model.specialized import Specialized, whole
 from kanejax._types import Coordinates, Forces, Speeds
 
 
@@ -21,7 +22,7 @@ class Wrenches(NamedTuple):
 
 
 def external_force(
-    model: Model,
+    model: Model | Specialized,
     q: Coordinates,
     force: Float[Array, "nbody 3"],
     moment: Float[Array, "nbody 3"],
@@ -50,7 +51,7 @@ def external_force(
     return jnp.einsum("kri,ki->r", partial.linear, force) + jnp.einsum("kri,ki->r", partial.angular, moment)
 
 
-def joint_reactions(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds) -> Wrenches:
+def joint_reactions(model: Model | Specialized, q: Coordinates, u: Speeds, u_dot: Speeds) -> Wrenches:
     """Wrench that each joint passes on to the link it moves, about the joint's anchor, in world axes, (njoint, 3) each.
 
     All of it: the part along the joint's axes, which `inverse_dynamics` returns (rotor inertias, springs, dampers and
@@ -61,6 +62,7 @@ def joint_reactions(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds) -> W
         ValueError: a shape or data type does not fit the model.
     """
     check_state(model, q=q, u=u, u_dot=u_dot)
+    model = whole(model)
     tree, at = model.tree, poses(model, q)
     partial, rates = partial_velocities(model, q), partial_velocity_rates(model, q, u)
     inertia = world_inertia(model, q)

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from kanejax._kinematics.pose import Poses, poses
 from kanejax._model.model import Model
+from kanejax._model.specialized import Specialized
 from kanejax._model.tree import Tree
 from kanejax._types import Coordinates, Speeds
 
@@ -31,7 +32,7 @@ class PartialVelocities(NamedTuple):
     linear: Float[Array, "nbody nv 3"]
 
 
-def partial_velocities(model: Model, q: Coordinates) -> PartialVelocities:
+def partial_velocities(model: Model | Specialized, q: Coordinates) -> PartialVelocities:
     """Partial angular velocities and partial velocities of the mass centres, in world axes.
 
     `angular[k, r]` is Kane's w_r of body k [rad/s a unit of speed r], `linear[k, r]` his v_r of its mass centre.
@@ -49,7 +50,7 @@ def partial_velocities_of_points(tree: Tree, at: Poses, points: Float[Array, "nb
     return PartialVelocities(angular, jnp.where(moved, axes.linear[None, :, :], 0.0) + jnp.cross(angular, arm))
 
 
-def partial_velocity_rates(model: Model, q: Coordinates, u: Speeds) -> PartialVelocities:
+def partial_velocity_rates(model: Model | Specialized, q: Coordinates, u: Speeds) -> PartialVelocities:
     """Time derivatives, in the world frame, of `partial_velocities` along the motion, Nie (3.13) and (3.31)-(3.34)."""
     tree, at = model.tree, poses(model, q)
     axes = speed_axes(tree, at)

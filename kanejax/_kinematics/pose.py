@@ -12,6 +12,7 @@ from kanejax._kinematics.position import world_frames
 from kanejax._model.links import body_poses_in_links, compose
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, displacement
+from kanejax._model.specialized import Specialized, whole
 from kanejax._model.tree import Tree
 from kanejax._scalar import barrier
 from kanejax._types import Coordinates
@@ -35,13 +36,14 @@ class Poses(NamedTuple):
     link_origin: Float[Array, "njoint 3"]
 
 
-def poses(model: Model, q: Coordinates) -> Poses:
+def poses(model: Model | Specialized, q: Coordinates) -> Poses:
     """Orientations and positions of all bodies: MuJoCo's `xmat`, `xpos` and `xipos`, the world left out.
 
     Raises:
         ValueError: a shape or data type does not fit the model.
     """
     check_state(model, q=q)
+    model = whole(model)
     link_rotation, link_origin = evaluate(_link_frames, model, q)
     links = jnp.concatenate((link_rotation, link_origin[..., None]), -1)
     links = jnp.concatenate((links, jnp.eye(3, 4, dtype=links.dtype)[None]))

@@ -10,12 +10,16 @@ import numpy as np
 from jax.core import Tracer
 
 from kanejax._errors import UnknownNameError
+from kanejax._model.links import LinkParameters, Rows
 from kanejax._model.model import Model, leaf_shapes
 from kanejax._model.prepared import Prepared, prepare
 from kanejax._model.tree import OnTree, Tree
 
 # Entries of rotations as near as rounding leaves them to -1, 0 and 1 are taken for exactly that.
 ROUNDING = {jnp.dtype(jnp.float32): 2e-6, jnp.dtype(jnp.float64): 1e-12}
+
+# Parameters that are the number 0 where none of them differs from it: what is multiplied by them is not computed.
+MAY_VANISH = ("armature", "damping", "stiffness", "coordinate_reference", "coulomb_friction")
 
 
 @final
@@ -31,11 +35,18 @@ class Constants:
 
         Those of the links stay in float64, and become known numbers where the recursions are unrolled.
         """
-        links, gravity, *rest = self.prepared
         trailing = (1,) * (like.ndim - 1)
-        known = None if gravity is None else tuple(float(g) for g in gravity)
-        columns = (None if x is None else jnp.asarray(x, like.dtype).reshape(x.shape + trailing) for x in rest)
-        return eqx.combine(kept, Prepared(links, known, *columns), is_leaf=lambda x: x is None)  # type: ignore[arg-type]
+
+        def column(name: str, x: np.ndarray | None) -> Any:
+            if x is None or (name in MAY_VANISH and not np.any(x)):
+                return x if x is None else 0.0
+            return jnp.asarray(x, like.dtype).reshape(x.shape + trailing)
+
+        gravity = self.prepared.gravity
+        columns = {name: column(name, getattr(self.prepared, name)) for name in Prepared._fields[2:]}
+        down: Any = None if gravity is None else tuple(float(g) for g in gravity)
+        known = Prepared(self.prepared.links, down, **columns)
+        return eqx.combine(kept, known, is_leaf=lambda x: x is None)  # type: ignore[arg-type]
 
 
 class PartlyPrepared(NamedTuple):
@@ -48,7 +59,8 @@ class PartlyPrepared(NamedTuple):
 @final
 class Specialized(eqx.Module, OnTree):
     """A model with frozen parameters, accepted in place of a model by the equations of motion (`inverse_dynamics`,
-    `forward_dynamics`, `mass_matrix`, forces), `kinetic_energy`, `coordinate_rates`, `tangent_gradient` and the simulations.
+    `forward_dynamics`, `mass_matrix`, forces), energies, momentum, `center_of_mass`, `poses`, partial velocities, external forces,
+    `joint_reactions`, `coordinate_rates`, `tangent_gradient` and the simulations.
 
     Attributes:
         kept: the leaves that are not frozen, by name: to differentiate, to batch and to `replace`.
@@ -79,10 +91,16 @@ class Specialized(eqx.Module, OnTree):
         constants = self._constants
         if not self.kept:
             return PartlyPrepared(jax.tree.map(lambda _: None, constants.prepared), constants)
-        names = list(self.kept)
-        model = eqx.tree_at(lambda m: [getattr(m, name) for name in names], constants.model, [self.kept[name] for name in names])
         frozen = jax.tree.map(lambda x: x is not None, constants.prepared, is_leaf=lambda x: x is None)
-        return PartlyPrepared(jax.tree.map(lambda x, is_frozen: None if is_frozen else x, prepare(model), frozen), constants)
+        return PartlyPrepared(jax.tree.map(lambda x, is_frozen: None if is_frozen else x, prepare(whole(self)), frozen), constants)
+
+
+def whole(model: Model | Specialized) -> Model:
+    """The model itself; of a specialized one, what it was made from, with the kept leaves as they are now."""
+    if not isinstance(model, Specialized):
+        return model
+    frozen, names = model._constants.model, list(model.kept)
+    return eqx.tree_at(lambda m: [getattr(m, name) for name in names], frozen, [*model.kept.values()]) if names else frozen
 
 
 def specialize(model: Model, keep: Iterable[str] = ()) -> Specialized:
@@ -107,16 +125,36 @@ def specialize(model: Model, keep: Iterable[str] = ()) -> Specialized:
         if name not in shapes:
             raise UnknownNameError("leaf of a model", name, shapes)
     with jax.ensure_compile_time_eval():
-        values = _values(model)
-        # What depends on a kept leaf is not a number where that is none.
-        depends = _values(model.replace(**{name: jnp.full(shapes[name], jnp.nan) for name in keep}))
-    known = jax.tree.map(lambda x, y: None if np.any(np.isnan(y) & ~np.isnan(x)) else x, values, depends)
+        values, depends = _values(model), _depends(model, keep)
+        if not any(jax.tree.leaves(depends.links)):
+            values = _values(model, upright=_without_first_moment(model.tree, values.links))
+    known = jax.tree.map(lambda x, is_kept: None if is_kept else x, values, depends)
     return Specialized({name: getattr(model, name) for name in keep}, model.tree, model.dtype, Constants(model, known))
 
 
-def _values(model: Model) -> Prepared:
-    prepared = jax.tree.map(lambda x: np.asarray(x, np.float64), prepare(model))
-    rotation = prepared.links.rotation
-    whole = np.round(rotation)
-    snapped = np.where(np.abs(rotation - whole) < ROUNDING[model.dtype], whole, rotation)
-    return prepared._replace(links=prepared.links._replace(rotation=snapped))
+def _values(model: Model, upright: tuple[bool, ...] = ()) -> Prepared:
+    prepared = jax.tree.map(lambda x: np.asarray(x, np.float64), prepare(model, upright))
+    rounding, links = ROUNDING[model.dtype], prepared.links
+    whole_numbers = np.round(links.rotation)
+    rotation = np.where(np.abs(links.rotation - whole_numbers) < rounding, whole_numbers, links.rotation)
+    position, first, second = (_without_rounding(x, rounding) for x in (links.position, links.first_moment, links.second_moment))
+    return prepared._replace(links=links._replace(rotation=rotation, position=position, first_moment=first, second_moment=second))
+
+
+def _without_rounding(rows: Rows, rounding: float) -> np.ndarray:
+    """Rows with 0 for what is as small as rounding, beside the largest number of its row and far more so beside that of all."""
+    sizes = np.abs(rows)
+    scale = np.maximum(sizes.max(1, keepdims=True, initial=0.0), 1e-3 * sizes.max(initial=0.0))
+    return np.where(sizes < rounding * scale, 0.0, rows)
+
+
+def _depends(model: Model, keep: tuple[str, ...]) -> Prepared:
+    """What depends on a kept leaf: it is not a number where that is none."""
+    shapes = leaf_shapes(model.tree)
+    without = model.replace(**{name: jnp.full(shapes[name], jnp.nan) for name in keep})
+    return jax.tree.map(lambda x, y: bool(np.any(np.isnan(y) & ~np.isnan(x))), prepare(model), prepare(without))
+
+
+def _without_first_moment(tree: Tree, links: LinkParameters) -> tuple[bool, ...]:
+    """Links that turn, and of which regrouping leaves no first moment."""
+    return tuple(kind == "revolute" and not np.any(h) for kind, h in zip(tree.joint_types, links.first_moment, strict=True))

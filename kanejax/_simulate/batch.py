@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import os
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from kanejax._model.model import Model, leaf_shapes
+from kanejax._model.generalized_speeds import AnyModel, WithSpeeds, own
+from kanejax._model.model import leaf_shapes
 from kanejax._model.specialized import Specialized
 from kanejax._simulate.checks import check_batch, check_positive, with_counts
-from kanejax._simulate.lanes import Runner, finished
+from kanejax._simulate.lanes import Runner, run_lanes
 from kanejax._simulate.segment import Segment
 from kanejax._simulate.simulate import simulate
 from kanejax._simulate.trajectory import Array, Status, Trajectory
@@ -36,7 +38,7 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 
 def simulate_batch(
-    model: Model | Specialized,
+    model: AnyModel,
     q0: Any,
     u0: Any,
     ts: Any,
@@ -53,7 +55,8 @@ def simulate_batch(
 
     The memory of the device holds those; the results are numpy arrays. With adaptive steps a trajectory that is finished makes room
     for the next, so that none waits for one that needs more steps. A trajectory that fails does not touch the others: its `status`
-    says so. After Ctrl-C, SimulationInterrupted has what was finished, and `resume` runs only what is missing.
+    says so. After Ctrl-C the segments that are under way come to their end, SimulationInterrupted has all trajectories that were
+    finished, and `resume` runs only what is missing.
 
     Args:
         model: the mechanism. Leaves with a leading axis of the batch's length are taken one by one: domain randomisation.
@@ -83,36 +86,54 @@ def simulate_batch(
         raise ValueError(f"simulate_batch does not take {', '.join(sorted(refused))}: look at the status, and save more times")
     check_positive(batch_size=batch_size, threads=threads)
     batch_size, options = int(batch_size), with_counts(options)
-    q0, u0 = check_batch(model, q0, u0)
+    q0, u0 = check_batch(own(model), q0, u0)
     run = _runner(model, q0, u0, ts, control, control_axis, options)
     if resume is not None and len(resume.status) != len(q0):
         raise ValueError(f"resume has {len(resume.status)} trajectories, but q0 has {len(q0)}; give those of the interrupted call")
-    results = None if resume is None else jax.tree.map(np.array, resume)
-    waiting = np.arange(len(q0)) if results is None else np.flatnonzero(results.status == Status.NOT_RUN)
+    results = _Results(len(q0), None if resume is None else jax.tree.map(np.array, resume))
+    waiting = np.arange(len(q0)) if resume is None else np.flatnonzero(np.asarray(resume.status) == Status.NOT_RUN)
     # Fewer lanes than these would not fill the vector instructions of one core.
     threads = min(_cores(), max(1, len(waiting) // FEWEST)) if threads is None else int(threads)
     size = min(batch_size, max(1, -(-len(waiting) // threads)))
-    with _bar(len(waiting), progress) as advance:
-        try:
-            for rows, piece in finished(run, waiting, size, threads):
-                results = _empty(piece, len(q0)) if results is None else results
-                _store(results, rows, piece)
-                advance(len(rows))
-        except KeyboardInterrupt as error:
-            if results is None:
-                raise
-            raise SimulationInterrupted(results) from error
-    assert results is not None
-    return results
+    counts = run_lanes(run, waiting, size, threads, results.store)
+    try:
+        with _bar(len(waiting), progress) as advance, contextlib.closing(counts):
+            for count in counts:
+                advance(count)
+    except KeyboardInterrupt as error:
+        if (done := results.close()) is None:
+            raise
+        raise SimulationInterrupted(done) from error
+    done = results.close()
+    assert done is not None
+    return done
 
 
-def _store(results: Trajectory, rows: np.ndarray, piece: Trajectory) -> None:
-    """Write trajectories to their rows; the status, which says that they are done, last."""
-    status = piece.status
-    jax.tree.map(
-        lambda whole, part: whole.__setitem__(rows, part), results, dataclasses.replace(piece, status=results.status[rows])
-    )
-    results.status[rows] = status
+class _Results:
+    """Trajectories of all rows, which threads fill until it is closed; None before the first."""
+
+    def __init__(self, length: int, trajectory: Trajectory | None) -> None:
+        self.length, self.trajectory = length, trajectory
+        self.lock, self.closed = threading.Lock(), False
+
+    def store(self, rows: np.ndarray, piece: Trajectory) -> None:
+        """Write trajectories to their rows; the status, which says that they are done, last."""
+        with self.lock:
+            if self.closed:
+                return
+            if self.trajectory is None:
+                self.trajectory = _empty(piece, self.length)
+            whole = self.trajectory
+            for part, new in zip(jax.tree.leaves(whole), jax.tree.leaves(piece), strict=True):
+                if part is not whole.status:
+                    part[rows] = new
+            whole.status[rows] = piece.status
+
+    def close(self) -> Trajectory | None:
+        """What there is; from now on nothing is written, though a second interrupt may have left threads running."""
+        with self.lock:
+            self.closed = True
+            return self.trajectory
 
 
 def _cores() -> int:
@@ -121,7 +142,7 @@ def _cores() -> int:
 
 
 def _runner(
-    model: Model | Specialized, q0: np.ndarray, u0: np.ndarray, ts: Any, control: Any, control_axis: int | None, options: dict
+    model: AnyModel, q0: np.ndarray, u0: np.ndarray, ts: Any, control: Any, control_axis: int | None, options: dict
 ) -> Runner:
     """The function that runs trajectories given by their rows, from the state that it left them in or, if fresh, from the first."""
     axes = model_axes(model, len(q0))
@@ -159,7 +180,7 @@ class _Times:
 
 @eqx.filter_jit
 def _run(
-    model: Model | Specialized,
+    model: AnyModel,
     batched: list,
     q0: Array,
     u0: Array,
@@ -195,12 +216,15 @@ def _in_segments(options: dict[str, Any]) -> bool:
     return adaptive and options.get("on_event") is None and options.get("max_steps", 0) is not None
 
 
-def model_axes(model: Model | Specialized, length: int) -> list[int | None]:
+def model_axes(model: AnyModel, length: int) -> list[int | None]:
     """0 for leaves of the model that have a leading batch axis, None for the others.
 
     Raises:
         ValueError: a leaf has neither the shape that the tree asks for, nor this shape behind the batch axis.
     """
+    if isinstance(model, WithSpeeds):
+        of_model = model_axes(model.model, length)
+        return of_model + [None] * (len(jax.tree.leaves(model)) - len(of_model))
     axes: list[int | None] = []
     shapes = leaf_shapes(model.tree)
     leaves = dict(sorted(model.kept.items())) if isinstance(model, Specialized) else {name: getattr(model, name) for name in shapes}

@@ -9,9 +9,11 @@ import jax.numpy as jnp
 import optimistix as optx
 
 from kanejax._dynamics.equations_of_motion import forward_dynamics
+from kanejax._kinematics.change_of_speeds import chosen_speeds, own_speeds
 from kanejax._kinematics.coordinate_rates import unit_quaternions
+from kanejax._model.generalized_speeds import WithSpeeds
 from kanejax._model.model import Model
-from kanejax._model.specialized import Specialized
+from kanejax._model.specialized import Specialized, whole
 from kanejax._model.tree import Tree
 from kanejax._simulate.checks import check_within_limits, joint_ranges
 from kanejax._types import Coordinates, Speeds
@@ -48,7 +50,8 @@ class Falling(eqx.Module):
     def __call__(self, t: jax.Array, y: jax.Array, args: Any, **kwargs: Any) -> jax.Array:
         """Evaluate for diffrax."""
         q = unit_quaternions(self.tree, y[: self.tree.nq])
-        return self.sign * jnp.asarray(self.function(t, q, y[self.tree.nq :])).astype(y.dtype)
+        # The data type of the constant zero that diffrax has for events that did not happen.
+        return self.sign * jnp.asarray(self.function(t, q, y[self.tree.nq :])).astype(jnp.result_type(float))
 
 
 def as_conditions(
@@ -118,21 +121,25 @@ def limited_joints(tree: Tree) -> list[int]:
 
 @final
 class JointLimitBounce(eqx.Module):
-    """An impact at the joint limit that was reached: `simulate(..., joint_limits=True, on_event=JointLimitBounce(model))`.
+    """An impact at the joint limit that was reached: `simulate(model, ..., joint_limits=True, on_event=JointLimitBounce(model))`.
 
     The stop gives an impulse along the joint, as large as it takes to send the joint back at `restitution` times its speed; the
     other joints feel it through the mass matrix.
 
     Attributes:
-        model: the mechanism.
+        model: the mechanism; in chosen speeds if the one that is simulated is.
         restitution: ratio of the joint's speeds after and before, from 0 to 1; 1 conserves the energy.
     """
 
-    model: Model
+    model: Model | WithSpeeds
     restitution: Any = 1.0
 
     def __call__(self, t: jax.Array, q: Coordinates, u: Speeds) -> tuple[Coordinates, Speeds]:
         """The state after the impact at the joint that is nearest to its limit."""
+        if isinstance(self.model, WithSpeeds):
+            model = self.model.at(t)
+            bounce = JointLimitBounce(whole(model.model), self.restitution)
+            return q, chosen_speeds(model, q, bounce(t, q, own_speeds(model, q, u))[1])
         tree = self.model.tree
         low, high = limit_distances(tree, self.model.joint_range, q)
         hit = jnp.array([tree.v_start[joint] for joint in limited_joints(tree)])[jnp.argmin(jnp.minimum(low, high))]

@@ -15,20 +15,21 @@ from kanejax._simulate.trajectory import Trajectory
 
 # (rows of the trajectories, state that they were left in, which start anew) -> (state they are left in, unfinished, trajectories).
 Runner = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, Any, Any]]
-Finished = tuple[np.ndarray, Trajectory]
+# (rows, trajectories) -> None; called by several threads, and maybe twice with the same.
+Store = Callable[[np.ndarray, Trajectory], None]
 
 
-def finished(run: Runner, rows: np.ndarray, size: int, threads: int) -> Iterator[Finished]:
-    """Rows of trajectories and the trajectories, as they finish; `size` lanes in each of `threads`.
+def run_lanes(run: Runner, rows: np.ndarray, size: int, threads: int, store: Store) -> Iterator[int]:
+    """Run trajectories and store them as they finish, `size` lanes in each of `threads`; yields how many were stored.
 
-    When whoever reads is interrupted, threads end with the segment that they are in.
+    When whoever reads is interrupted, threads end with the segment that they are in, and store what finished in it.
     """
     waiting = collections.deque(rows.tolist())
     stop = threading.Event()
     if threads == 1:
-        yield from _one_thread(run, waiting, size, stop)
+        yield from _one_thread(run, waiting, size, stop, store)
         return
-    done: queue.SimpleQueue[Finished | BaseException | None] = queue.SimpleQueue()
+    done: queue.SimpleQueue[int | BaseException | None] = queue.SimpleQueue()
     first = _FirstAlone(run)
     # JAX's contexts belong to a thread; this one decides about the data type of the results.
     x64 = bool(jax.config.jax_enable_x64)
@@ -36,8 +37,8 @@ def finished(run: Runner, rows: np.ndarray, size: int, threads: int) -> Iterator
     def work() -> None:
         try:
             with jax.enable_x64(x64):
-                for item in _one_thread(first, waiting, size, stop):
-                    done.put(item)
+                for count in _one_thread(first, waiting, size, stop, store):
+                    done.put(count)
             done.put(None)
         except BaseException as error:
             done.put(error)
@@ -77,7 +78,7 @@ class _FirstAlone:
         return self.run(*args)
 
 
-def _one_thread(run: Runner, waiting: collections.deque[int], size: int, stop: threading.Event) -> Iterator[Finished]:
+def _one_thread(run: Runner, waiting: collections.deque[int], size: int, stop: threading.Event, store: Store) -> Iterator[int]:
     """The same for `size` lanes, which take from those who wait."""
     lanes = np.full(size, -1)
     before = None
@@ -92,7 +93,23 @@ def _one_thread(run: Runner, waiting: collections.deque[int], size: int, stop: t
             return
         # What is left free repeats another trajectory, so that nothing compiles again.
         before, unfinished, piece = run(np.where(running, lanes, lanes[running][0]), before, free)
-        done = running & ~np.asarray(unfinished)
+        done = _store_finished(store, lanes, unfinished, piece)
         if np.any(done):
-            yield lanes[done], jax.tree.map(lambda x: np.asarray(x)[done], piece)  # noqa: B023
             lanes[done] = -1
+            yield int(np.sum(done))
+
+
+def _store_finished(store: Store, lanes: np.ndarray, unfinished: Any, piece: Any) -> np.ndarray:
+    """Wait for a segment and store what finished in it, which lanes that was; an interrupt takes effect afterwards."""
+
+    def finish() -> np.ndarray:
+        done = (lanes >= 0) & ~np.asarray(unfinished)
+        if np.any(done):
+            store(lanes[done], jax.tree.map(lambda x: np.asarray(x)[done], piece))
+        return done
+
+    try:
+        return finish()
+    except KeyboardInterrupt:
+        finish()
+        raise

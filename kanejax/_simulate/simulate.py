@@ -12,22 +12,22 @@ import optimistix as optx
 from jax.core import Tracer
 
 from kanejax._kinematics.coordinate_rates import unit_quaternions
-from kanejax._model.model import Model
-from kanejax._model.specialized import Specialized
+from kanejax._model.generalized_speeds import AnyModel, WithSpeeds, own
 from kanejax._simulate.checks import check_positive, checked_state, checked_times
 from kanejax._simulate.control import Controlled, TorqueTable, as_control, check_control
 from kanejax._simulate.events import as_conditions
 from kanejax._simulate.runge_kutta import ExplicitRungeKutta
+from kanejax._simulate.singular_speeds import add_singularity, check_bounce
 from kanejax._simulate.solve import Settings, solve, solve_fixed, solve_restarting
 from kanejax._simulate.system import system
-from kanejax._simulate.trajectory import Trajectory, raise_unless_ok
+from kanejax._simulate.trajectory import Status, Trajectory, raise_unless_ok
 
 # What diffrax's implicit solvers have for a tolerance that nobody gave.
 _UNSET = diffrax.with_stepsize_controller_tols(optx.Chord)().rtol
 
 
 def simulate(
-    model: Model | Specialized,
+    model: AnyModel,
     q0: Any,
     u0: Any,
     ts: Any,
@@ -62,7 +62,9 @@ def simulate(
     `adjoint=diffrax.ForwardMode()`. `diffrax.DirectAdjoint()` has both modes for adaptive steps, but pays for `max_steps` steps.
 
     Args:
-        model: the mechanism; a specialized one has no joint limits.
+        model: the mechanism; a specialized one has no joint limits. With what `with_speeds` returns, u0, the u of control and of
+            events, and `Trajectory.u` are the chosen speeds, and Status.SINGULAR_SPEEDS says that a trajectory has come to where
+            `speed_conditioning` is a thousandth of what it was at first, or has changed its sign.
         q0: generalized coordinates at the first time; quaternions (w, x, y, z) are normalised.
         u0: generalized speeds at the first time.
         ts: times [s] to save, strictly increasing; the simulation starts at the first and ends at the last.
@@ -72,8 +74,8 @@ def simulate(
             `diffrax.Kvaerno5()`.
         dt0: with it, equal steps no longer than this [s]. Each interval between saved times is divided alike if `ts` and `dt0` are
             known while tracing (numpy arrays, not `jnp.linspace` inside `jax.jit`) and there is nothing to interpolate: no events,
-            `dense` or `adjoint`. Otherwise steps of this length from the first time on. With an adaptive `stepsize_controller`,
-            the first step.
+            chosen speeds, `dense` or `adjoint`. Otherwise steps of this length from the first time on. With an adaptive
+            `stepsize_controller`, the first step.
         rtol: relative tolerance for adaptive and implicit steps, by default 1e-6 (float32: 1e-4).
         atol: absolute tolerance, by default 1e-8 (float32: 1e-6).
         stepsize_controller: of diffrax, instead of what `dt0`, `rtol` and `atol` describe.
@@ -95,7 +97,7 @@ def simulate(
         ValueError: an argument has a wrong shape, data type or value; values are looked at outside of jit and vmap only.
         SimulationError: with `throw`.
     """
-    q0, u0 = checked_state(model, q0, u0)
+    q0, u0 = checked_state(own(model), q0, u0)
     ts = checked_times(ts, model.dtype)
     check_positive(dt0=dt0, rtol=rtol, atol=atol, max_steps=max_steps, max_events=max_events)
     # NumPy's integers would be traced, but a compiled program must know these.
@@ -104,7 +106,9 @@ def simulate(
     check_control(control, jnp.asarray(ts[0]), q0, u0)
     if on_event is not None and (dense or not (joint_limits or events)):
         raise ValueError("on_event needs events or joint_limits, and cannot be combined with dense")
-    conditions, names = as_conditions(model, q0, events, joint_limits, need_direction=on_event is not None)
+    conditions, names = as_conditions(own(model), q0, events, joint_limits, need_direction=on_event is not None)
+    conditions, names = add_singularity(model, jnp.asarray(ts[0]), q0, conditions, names)
+    check_bounce(model, on_event)
     plain = stepsize_controller is None and adjoint is None and not conditions and not dense
     substeps = _substeps(ts, dt0) if plain else None
     rtol, atol = _tolerance(rtol, 1e-6, 1e-4, model.dtype), _tolerance(atol, 1e-8, 1e-6, model.dtype)
@@ -119,7 +123,7 @@ def simulate(
 
 @eqx.filter_jit
 def _simulate(
-    model: Model | Specialized,
+    model: AnyModel,
     q0: jax.Array,
     u0: jax.Array,
     ts: jax.Array,
@@ -138,6 +142,10 @@ def _simulate(
         solution = solve(settings, moving, y0, ts[0], ts)
     else:
         solution = solve_restarting(settings, moving, y0, ts, on_event, max_events)
+    status = solution.status
+    if isinstance(model, WithSpeeds):
+        # The last condition, see add_singularity.
+        status = jnp.where(solution.event == len(names) - 1, int(Status.SINGULAR_SPEEDS), status).astype(jnp.int32)
     q_end, u_end = moving.split(solution.y_end)
     reached = (ts <= solution.t_end)[:, None]
     # Times that were not reached get a harmless state first, whose derivatives are finite.
@@ -149,7 +157,7 @@ def _simulate(
         t_end=solution.t_end,
         q_end=q_end,
         u_end=u_end,
-        status=solution.status,
+        status=status,
         event=solution.event,
         num_events=solution.num_events,
         stats=solution.stats,

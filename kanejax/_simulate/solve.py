@@ -110,11 +110,13 @@ def solve_restarting(
 
     One loop over the pieces between events, so that the program has the integration once.
     """
+    # The last condition of chosen speeds, where they are singular, is none of the user's.
+    passed_on = len(settings.conditions) - (system.chosen is not None)
 
     def piece(carry: tuple[jax.Array, jax.Array, jax.Array, Solution], last: jax.Array) -> tuple[tuple, None]:
         t, y, done, before = carry
         now = solve(settings, system, y, jnp.where(done, ts[-1], t), ts)
-        restarts = ~done & (now.event >= 0) & ~last
+        restarts = ~done & (now.event >= 0) & (now.event < passed_on) & ~last
         saved = jnp.where((~done & (ts >= t))[:, None], now.saved, before.saved)
         t_end, y_end, status, event = (
             jnp.where(done, old, new)

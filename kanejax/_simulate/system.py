@@ -8,10 +8,11 @@ import jax.numpy as jnp
 
 from kanejax._dynamics.equations_of_motion import _forward_dynamics
 from kanejax._evaluate import evaluate_prepared, prepare_once
+from kanejax._kinematics.change_of_speeds import chosen_accelerations, own_speeds
 from kanejax._kinematics.coordinate_rates import kinematical_rates, unit_quaternions
-from kanejax._model.model import Model
+from kanejax._model.generalized_speeds import AnyModel, WithSpeeds, own
 from kanejax._model.prepared import Prepared
-from kanejax._model.specialized import PartlyPrepared, Specialized
+from kanejax._model.specialized import PartlyPrepared
 from kanejax._model.tree import Tree
 from kanejax._scalar import barrier
 from kanejax._simulate.control import Controlled
@@ -24,22 +25,29 @@ class System(eqx.Module):
     prepared: Prepared | PartlyPrepared
     control: Controlled
     tree: Tree = eqx.field(static=True)
+    chosen: WithSpeeds | None = None
 
     def split(self, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Coordinates, quaternions of unit length, and speeds of states (..., nq + nv)."""
         return unit_quaternions(self.tree, y[..., : self.tree.nq]), y[..., self.tree.nq :]
 
 
-def system(model: Model | Specialized, control: Controlled) -> System:
+def system(model: AnyModel, control: Controlled) -> System:
     """Prepare a model for many evaluations."""
-    return System(prepare_once(model), control, model.tree)
+    return System(prepare_once(own(model)), control, model.tree, model if isinstance(model, WithSpeeds) else None)
 
 
 def rates(t: Any, y: Any, system: Any) -> jax.Array:
     """Rates of the state y at time t, as diffrax calls it with a System."""
     q, u = y[: system.tree.nq], y[system.tree.nq :]
     tau = system.control(t, *system.split(y))
-    return evaluate_prepared(_state_rates, system.tree, system.prepared, q, u, tau)
+    if system.chosen is None:
+        return evaluate_prepared(_state_rates, system.tree, system.prepared, q, u, tau)
+    model = system.chosen.at(t)
+    own_u = own_speeds(model, q, u)
+    moving = evaluate_prepared(_state_rates, system.tree, system.prepared, q, own_u, tau)
+    q_dot, own_u_dot = moving[: system.tree.nq], moving[system.tree.nq :]
+    return jnp.concatenate((q_dot, chosen_accelerations(model, q, own_u, own_u_dot)))
 
 
 def _state_rates(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, tau: jax.Array) -> jax.Array:

@@ -37,6 +37,8 @@ class Status(enum.IntEnum):
     """The equations of an implicit step, or of an event's time, were not solved."""
     NOT_RUN = 6
     """`simulate_batch` was interrupted before."""
+    SINGULAR_SPEEDS = 7
+    """The speeds of `with_speeds` cease to determine the motion there; see `speed_conditioning`."""
 
 
 class SimulationError(KanejaxError, RuntimeError):
@@ -133,5 +135,6 @@ def explanation(status: Status) -> str:
         Status.MAX_STEPS: "Raise max_steps, loosen the tolerances, or use an implicit solver such as diffrax.Kvaerno5().",
         Status.MIN_STEP: "The state may go to infinity, or the control may return NaN or jump.",
         Status.NON_FINITE: "The step may be too long, or the control may return NaN or infinity.",
+        Status.SINGULAR_SPEEDS: "Go on in other speeds; rates_from_speeds(model.at(t_end), q_end, u_end) gives those of the model.",
         Status.SOLVER_FAILED: "Shorten the step or loosen the root finder's tolerances.",
     }.get(status, "")

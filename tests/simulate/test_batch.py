@@ -1,5 +1,6 @@
 import contextlib
 import threading
+import time
 
 import equinox as eqx
 import jax
@@ -110,23 +111,110 @@ def test_threads_share_the_trajectories(pendulum):
     np.testing.assert_allclose(three.q, one.q, rtol=1e-12)
 
 
-def test_an_interrupt_stops_all_threads(pendulum, monkeypatch):
-    q0, u0 = states(40)
+def bar_of(advance):
+    """A progress bar that calls this."""
 
     @contextlib.contextmanager
     def bar(total, show):
-        def advance(count):
-            raise KeyboardInterrupt
-
         yield advance
 
-    monkeypatch.setattr(batch, "_bar", bar)
+    return bar
+
+
+def test_an_interrupt_stops_all_threads(pendulum, monkeypatch):
+    q0, u0 = states(40)
+
+    def interrupt(count):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(batch, "_bar", bar_of(interrupt))
     with pytest.raises(kj.SimulationInterrupted) as caught:
         kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, threads=2)
     monkeypatch.undo()
     partial = caught.value.trajectory
     assert 0 < np.sum(partial.status == kj.Status.NOT_RUN) < 40
     assert kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, threads=2, resume=partial).ok.all()
+
+
+def test_what_finished_before_an_interrupt_is_not_run_again(pendulum, monkeypatch):
+    """The interrupt comes at the first report, when the threads are many pieces further."""
+    q0, u0 = states(40)
+    run, hold, calls, rows = batch._run, threading.Event(), [], []
+    store = batch._Results.store
+
+    def held(*args):
+        calls.append(1)
+        if len(calls) > 12:
+            # What is under way at the interrupt.
+            assert hold.wait(60)
+        return run(*args)
+
+    def recorded(self, some, piece):
+        store(self, some, piece)
+        rows.extend(some)
+
+    def interrupt(count):
+        while len(calls) < 14:
+            time.sleep(0.01)
+        hold.set()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(batch, "_run", held)
+    monkeypatch.setattr(batch._Results, "store", recorded)
+    monkeypatch.setattr(batch, "_bar", bar_of(interrupt))
+    with pytest.raises(kj.SimulationInterrupted, match="12 of 40 trajectories were not run") as caught:
+        kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, threads=2, dt0=0.02)
+    partial = caught.value.trajectory
+    assert sorted(rows) == sorted(np.flatnonzero(partial.status != kj.Status.NOT_RUN))
+    monkeypatch.undo()
+    before = np.copy(partial.q)
+    whole = kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, threads=2, dt0=0.02, resume=partial)
+    assert whole.ok.all()
+    done = partial.status != kj.Status.NOT_RUN
+    np.testing.assert_array_equal(whole.q[done], before[done])
+    np.testing.assert_allclose(whole.q, kj.simulate_batch(pendulum, q0, u0, TS, threads=1, dt0=0.02).q, rtol=1e-12)
+
+
+class Interrupting:
+    """An array for which an interrupt comes while one waits for it."""
+
+    def __init__(self, values):
+        self.values, self.waited = values, False
+
+    def __array__(self, dtype=None, copy=None):
+        if not self.waited:
+            self.waited = True
+            raise KeyboardInterrupt
+        return np.asarray(self.values, dtype)
+
+
+@pytest.mark.parametrize("where", ["unfinished", "trajectories", "store"])
+def test_an_interrupt_takes_effect_when_a_segment_is_stored(where):
+    """On one thread, where Ctrl-C comes while it waits for the device or stores."""
+    calls, tries, found = [], [], []
+
+    def run(rows, before, fresh):
+        calls.append(rows)
+        unfinished, trajectories = np.zeros(len(rows), bool), rows.astype(float)
+        second = len(calls) == 2
+        return (
+            None,
+            Interrupting(unfinished) if second and where == "unfinished" else unfinished,
+            Interrupting(trajectories) if second and where == "trajectories" else trajectories,
+        )
+
+    def store(rows, trajectories):
+        tries.append(1)
+        if where == "store" and len(tries) == 2:
+            raise KeyboardInterrupt
+        np.testing.assert_array_equal(rows, trajectories)
+        found.extend(rows)
+
+    counts = lanes.run_lanes(run, np.arange(6), 2, 1, store)
+    assert next(counts) == 2
+    with pytest.raises(KeyboardInterrupt):
+        next(counts)
+    assert found == [0, 1, 2, 3]
 
 
 def test_an_error_in_a_thread_is_raised(pendulum, monkeypatch):
@@ -189,5 +277,6 @@ def test_only_the_first_call_is_alone():
             meeting.wait()
         return None, np.zeros(len(rows), bool), np.asarray(rows)
 
-    found = [int(row) for rows, _ in lanes.finished(run, np.arange(5), 1, 2) for row in rows]
+    found = []
+    assert sum(lanes.run_lanes(run, np.arange(5), 1, 2, lambda rows, _: found.extend(rows.tolist()))) == 5
     assert sorted(found) == list(range(5))

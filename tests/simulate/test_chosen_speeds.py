@@ -1,0 +1,208 @@
+"""The same motions in chosen speeds as in the model's own, and an end where chosen speeds are singular."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import kanejax as kj
+from kanejax import robots
+
+TIGHT: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13, "max_steps": 20000}
+
+
+class Turning(eqx.Module):
+    """A matrix and a drift that depend on the state and on time, with one parameter."""
+
+    size: jax.Array
+
+    def matrix(self, q, t):
+        n = 7 if q.shape == (8,) else 10
+        return jnp.eye(n) + self.size * jnp.sin(jnp.outer(q[:n], q[-n:]) + 2.0 * t)
+
+    def drift(self, q, t):
+        n = 7 if q.shape == (8,) else 10
+        return jnp.cos(q[:n]) * jnp.sin(3.0 * t)
+
+
+def turning(model, size=0.05):
+    made = Turning(jnp.asarray(size))
+    return kj.with_speeds(model, kj.GeneralizedSpeeds(made.matrix, made.drift))
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """Link C's angular velocity, far from where its components are singular."""
+    model = robots.three_revolute_arm(origins=((0.0, 0.1, 0.2), (0.3, 0.0, 0.1)))
+    return kj.with_speeds(model, kj.link_speeds(model, "C"))
+
+
+def start(arm, q2=1.2, rate=0.1):
+    q, rates = jnp.array([0.3, q2, -0.4]), jnp.array([0.9, rate, 0.6])
+    return q, rates, kj.speeds_from_rates(arm, q, rates)
+
+
+def floating_start(model):
+    rng = np.random.default_rng(3)
+    q = rng.normal(size=model.nq)
+    q[3:7] /= np.linalg.norm(q[3:7])
+    q[7:11] /= np.linalg.norm(q[7:11])
+    return jnp.asarray(q), jnp.asarray(rng.normal(size=model.nv))
+
+
+def without_weight(model):
+    return lambda t, q, u: -kj.gravity_force(model, q)
+
+
+@pytest.mark.parametrize("body", ["A", "B", "C"])
+def test_every_base_link_gives_the_same_motion(body, arm):
+    model = arm.model
+    chosen = kj.with_speeds(kj.specialize(model) if body == "B" else model, kj.link_speeds(model, body))
+    q, rates, u = start(chosen)
+    ts = np.linspace(0.0, 1.0, 11)
+    expected = kj.simulate(model, q, rates, ts, control=without_weight(model), **TIGHT)
+    found = kj.simulate(chosen, q, u, ts, control=without_weight(model), **TIGHT)
+    assert int(found.status) == kj.Status.SUCCESSFUL
+    assert float(jnp.abs(found.q - expected.q).max()) < 1e-9
+    back = jax.vmap(kj.rates_from_speeds, (None, 0, 0))(chosen, found.q, found.u)
+    assert float(jnp.abs(back - expected.u).max()) < 1e-9
+    # Not by doing nothing: all but the first choice change the speeds.
+    assert body == "A" or float(jnp.abs(found.u - expected.u).max()) > 0.1
+
+
+def test_time_dependent_speeds_of_ball_and_free_joints(floating):
+    chosen = turning(floating)
+    q, rates = floating_start(floating)
+    ts = np.linspace(0.2, 0.8, 7)
+    expected = kj.simulate(floating, q, rates, ts, **TIGHT)
+    found = kj.simulate(chosen, q, kj.speeds_from_rates(chosen.at(0.2), q, rates), ts, **TIGHT)
+    assert int(found.status) == kj.Status.SUCCESSFUL
+    assert float(jnp.abs(found.q - expected.q).max()) < 1e-9
+    back = jax.vmap(lambda t, q, u: kj.rates_from_speeds(chosen.at(t), q, u))(jnp.asarray(ts), found.q, found.u)
+    assert float(jnp.abs(back - expected.u).max()) < 1e-9
+
+
+def test_equal_steps_and_control_in_chosen_speeds(arm):
+    q, rates, u = start(arm)
+    ts = np.linspace(0.0, 0.5, 6)
+
+    def damping(t, q, u):
+        return -0.5 * kj.rates_from_speeds(arm.at(t), q, u) - kj.gravity_force(arm.model, q)
+
+    found = kj.simulate(arm, q, u, ts, control=damping, dt0=1e-3)
+    expected = kj.simulate(arm.model, q, rates, ts, control=lambda t, q, u: -0.5 * u - kj.gravity_force(arm.model, q), dt0=1e-3)
+    assert int(found.status) == kj.Status.SUCCESSFUL
+    assert float(jnp.abs(found.q - expected.q).max()) < 1e-9
+
+
+@pytest.mark.parametrize("rate", [-1.5, -3.0])
+def test_a_motion_that_comes_to_the_singularity_ends_there_undisturbed(arm, rate):
+    q, rates, u = start(arm, rate=rate)
+    ts = np.linspace(0.0, 2.0, 21)
+    control = without_weight(arm.model)
+    found = kj.simulate(arm, q, u, ts, control=control)
+    assert kj.Status(int(found.status)) is kj.Status.SINGULAR_SPEEDS
+    assert not bool(found.ok)
+    assert found.event_names[int(found.event)] == "singular speeds"
+    first, last = kj.speed_conditioning(arm, q), kj.speed_conditioning(arm, found.q_end)
+    assert abs(float(last / first) - 1e-3) < 1e-9
+    assert 0.0 < float(found.q_end[1]) < 2e-3
+    expected = kj.simulate(arm.model, q, rates, ts, control=control, dense=True, **TIGHT)
+    reached = np.asarray(found.reached)
+    assert 0 < reached.sum() < 21
+    assert float(jnp.abs(found.q - expected.q)[reached].max()) < 1e-6
+    q_end, rates_end = expected.evaluate(found.t_end)
+    assert float(jnp.abs(found.q_end - q_end).max()) < 1e-6
+    # Three digits less than the tolerance.
+    assert float(jnp.abs(kj.rates_from_speeds(arm, found.q_end, found.u_end) - rates_end).max()) < 1e-2
+    with pytest.raises(kj.SimulationError, match=r"SINGULAR_SPEEDS at t = .* Go on in other speeds"):
+        kj.simulate(arm, q, u, ts, control=control, throw=True)
+
+
+def test_the_singularity_is_no_event_of_the_user(arm):
+    """It ends the motion also where events are passed on."""
+    q, _, u = start(arm, rate=-1.5)
+    options: dict[str, Any] = {"control": without_weight(arm.model), "on_event": lambda t, q, u: (q, u)}
+    event = {"half way": kj.StateEvent(lambda t, q, u: q[1] - 0.6, "falling")}
+    found = kj.simulate(arm, q, u, np.linspace(0.0, 2.0, 5), events=event, **options)
+    assert kj.Status(int(found.status)) is kj.Status.SINGULAR_SPEEDS
+    assert int(found.num_events) == 1
+    assert found.event_names == ("half way", "singular speeds")
+
+
+def test_a_batch_in_which_one_is_singular(arm):
+    q = jnp.stack([start(arm, rate=r)[0] for r in (0.1, -2.0, 0.2)])
+    u = jnp.stack([start(arm, rate=r)[2] for r in (0.1, -2.0, 0.2)])
+    ts = np.linspace(0.0, 1.0, 5)
+    options: dict[str, Any] = {"control": without_weight(arm.model), "rtol": 1e-9, "atol": 1e-10}
+    at_once = jax.vmap(lambda q, u: kj.simulate(arm, q, u, ts, **options))(q, u)
+    wanted = [kj.Status.SUCCESSFUL, kj.Status.SINGULAR_SPEEDS, kj.Status.SUCCESSFUL]
+    assert np.asarray(at_once.status).tolist() == wanted
+    in_lanes = kj.simulate_batch(arm, q, u, ts, threads=1, **options)
+    assert in_lanes.status.tolist() == wanted
+    for row in (0, 2):
+        alone = kj.simulate(arm, q[row], u[row], ts, **options)
+        assert float(jnp.abs(alone.q - at_once.q[row]).max()) < 1e-9
+        assert float(np.abs(np.asarray(alone.q) - in_lanes.q[row]).max()) < 1e-9
+
+
+def test_domain_randomisation_in_chosen_speeds(arm):
+    q, _, u = start(arm)
+    masses = arm.model.mass[None] * jnp.array([1.0, 1.2])[:, None]
+    heavier = eqx.tree_at(lambda a: a.model.mass, arm, masses)
+    ts = np.linspace(0.0, 0.5, 3)
+    options: dict[str, Any] = {"control": without_weight(arm.model)}
+    found = kj.simulate_batch(heavier, jnp.stack([q, q]), jnp.stack([u, u]), ts, threads=1, **options)
+    one = eqx.tree_at(lambda a: a.model.mass, arm, masses[1])
+    assert float(np.abs(found.q[1] - np.asarray(kj.simulate(one, q, u, ts, **options).q)).max()) < 1e-9
+    assert float(np.abs(found.q[1] - found.q[0]).max()) > 1e-3
+
+
+def test_gradients_of_a_motion_do_not_depend_on_the_speeds(arm):
+    q, rates, _ = start(arm)
+    ts = np.linspace(0.0, 0.4, 3)
+    # Adaptive steps do not see the sharp rise of a friction that is zero, but its derivative does.
+    model = arm.model.replace(friction_width=jnp.ones(3))
+
+    def loss(model, rates, chosen):
+        moving = kj.with_speeds(model, arm.speeds) if chosen else model
+        u = kj.speeds_from_rates(moving, q, rates) if isinstance(moving, kj.WithSpeeds) else rates
+        return jnp.sum(jnp.sin(kj.simulate(moving, q, u, ts, rtol=1e-11, atol=1e-12).q))
+
+    by_chosen, by_own = (jax.jit(jax.grad(loss, (0, 1)), static_argnums=2)(model, rates, c) for c in (True, False))
+    for found, expected in zip(jax.tree.leaves(by_chosen), jax.tree.leaves(by_own), strict=True):
+        assert float(jnp.abs(found - expected).max()) < 1e-8 * (1.0 + float(jnp.abs(expected).max()))
+
+
+def test_float32(arm):
+    single = jax.tree.map(lambda x: x.astype(jnp.float32), arm)
+    q, rates, u = start(arm)
+    ts = np.linspace(0.0, 0.5, 3)
+    found = kj.simulate(single, q.astype(jnp.float32), u.astype(jnp.float32), ts)
+    assert found.q.dtype == jnp.float32
+    assert int(found.status) == kj.Status.SUCCESSFUL
+    expected = kj.simulate(arm.model, q, rates, ts)
+    assert float(np.abs(np.asarray(found.q, np.float64) - expected.q).max()) < 1e-3
+
+
+def test_bounces_in_chosen_speeds(pendulum):
+    """At the stop of the first joint; in whatever speeds."""
+    chosen = kj.with_speeds(pendulum, kj.GeneralizedSpeeds(lambda q, t: jnp.array([[2.0, 1.0], [jnp.sin(q[1]), 1.5]])))
+    q, rates = jnp.array([0.1, 0.2]), jnp.array([4.0, -1.0])
+    ts, options = np.linspace(0.0, 1.0, 6), {"joint_limits": True, **TIGHT}
+    expected = kj.simulate(pendulum, q, rates, ts, on_event=kj.JointLimitBounce(pendulum, 0.8), **options)
+    u = kj.speeds_from_rates(chosen, q, rates)
+    found = kj.simulate(chosen, q, u, ts, on_event=kj.JointLimitBounce(chosen, 0.8), **options)
+    assert int(found.num_events) == int(expected.num_events) > 0
+    assert float(jnp.abs(found.q - expected.q).max()) < 1e-8
+    with pytest.raises(ValueError, match="JointLimitBounce's model"):
+        kj.simulate(chosen, q, u, ts, on_event=kj.JointLimitBounce(pendulum, 0.8), **options)
+
+
+def test_singular_first_states_are_refused(arm):
+    q, rates, _ = start(arm)
+    with pytest.raises(ValueError, match=r"the chosen speeds do not determine the motion at q0 = .* choose other speeds"):
+        kj.simulate(arm, q.at[1].set(0.0), rates, np.array([0.0, 1.0]))
