@@ -5,6 +5,7 @@ __version__ = "0.1.0"
 import importlib as _importlib
 import typing as _typing
 
+from kanejax import robots as robots
 from kanejax._dynamics.energy import (
     Momentum as Momentum,
     center_of_mass as center_of_mass,
@@ -41,19 +42,33 @@ from kanejax._errors import (
 )
 from kanejax._io.check import check_model as check_model
 from kanejax._io.dh import DHLink as DHLink, from_dh as from_dh
+from kanejax._kinematics.change_of_speeds import (
+    rates_from_speeds as rates_from_speeds,
+    speed_conditioning as speed_conditioning,
+    speeds_from_rates as speeds_from_rates,
+)
 from kanejax._kinematics.coordinate_rates import (
     coordinate_rates as coordinate_rates,
     tangent_gradient as tangent_gradient,
 )
+from kanejax._kinematics.link_speeds import LinkSpeeds as LinkSpeeds, link_speeds as link_speeds
 from kanejax._kinematics.partial_velocity import (
     PartialVelocities as PartialVelocities,
     partial_velocities as partial_velocities,
     partial_velocity_rates as partial_velocity_rates,
 )
 from kanejax._kinematics.pose import Poses as Poses, poses as poses
+from kanejax._model.generalized_speeds import (
+    AbstractSpeeds as AbstractSpeeds,
+    GeneralizedSpeeds as GeneralizedSpeeds,
+    SpeedTerms as SpeedTerms,
+    WithSpeeds as WithSpeeds,
+    with_speeds as with_speeds,
+)
 from kanejax._model.model import Model as Model
 from kanejax._model.specialized import Specialized as Specialized, specialize as specialize
 from kanejax._model.tree import Tree as Tree
+from kanejax._operation_count import OperationCount as OperationCount, operation_count as operation_count
 
 # What needs MuJoCo, diffrax or rich is imported when it is first used: they take longer than all else here. Type checkers read
 # the imports, Python reads the table.

@@ -24,6 +24,8 @@ from jax.interpreters import ad, batching, mlir
 from kanejax._sharding import call_in_parts, result_type, vary_alike
 
 CHUNK = 256
+# Chunks of whole vectors: other lengths can take LLVM ten times as long to compile.
+VECTOR = 16
 
 Arrays = tuple[jax.Array, ...]
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
@@ -147,7 +149,7 @@ def _run(*operands: jax.Array, kernel: Any, size: int | None, batched: tuple, su
     if chunk is None or size <= chunk:
         return _run_chunk(operands, kernel, size, batched, summed)
     pieces = -(-size // chunk)
-    length = -(-size // pieces)
+    length = -(-size // (pieces * VECTOR)) * VECTOR
     linear = kernel.linear_operands(len(operands))
 
     def cut(i: int, x: jax.Array) -> jax.Array:

@@ -339,7 +339,7 @@ def explicit_torques(chain: Chain, base: Base | None, q: jax.Array, q_dot: jax.A
     if base is not None:
         count = base.link + 1
         w = spread(frames[:count], None, u[:count], [ZERO] * count).vectors
-        extra = [cross(own, _turn(*pair)) for own, *pair in zip(w, frames, u, strict=False)]
+        extra = [cross(own, _turn(frame, rate)) for own, frame, rate in zip(w, frames, u, strict=False)]
         alpha = spread(frames[:count], None, u_dot[:count], extra).vectors
         for slot, component in zip(base.replaced, base.components, strict=True):
             u[slot], u_dot[slot] = w[-1][component], alpha[-1][component]

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from kanejax._model.links import LinkParameters
 from kanejax._model.tree import WORLD, Tree
 from kanejax._recursion.joints import Axis
-from kanejax._recursion.rows import Frames, Link, joint_features, split_parameters
+from kanejax._recursion.rows import Frames, joint_features, split_parameters
 from kanejax._recursion.sweeps import written_out
 from kanejax._scalar import (
     add,
@@ -118,15 +118,11 @@ def _rows(tree: Tree, links: LinkParameters, q: jax.Array) -> list[Row]:
     for segment, i, joint, (link, features) in written_out(tree, list(parts)):
         number = segment.links[i]
         parent = last_of_link[tree.link_parents[number]] if segment.first[i] else len(rows) - 1
-        placement = barrier(Frames(*joint.place(*link.placement, features)))
-        axes = joint.link_axes(placement.rotation)
-        rows.append(Row(segment.speeds[i], axes, parent, placement, _moments(link)))
+        rotation, position = barrier(joint.place(link.placement.rotation, link.placement.position, features))
+        moments = Moments(link.mass, link.first_moment, link.second_moment)
+        rows.append(Row(segment.speeds[i], joint.link_axes(rotation), parent, Frames(rotation, position), moments))
         last_of_link[number] = len(rows) - 1
     return rows
-
-
-def _moments(link: Link) -> Moments:
-    return Moments(link.mass, link.first_moment, link.second_moment)
 
 
 def _momentum(moments: Moments, axis: Axis) -> tuple[Vector, Vector]:

@@ -10,8 +10,10 @@ from kanejax._dynamics.active_force import rotation_between
 from kanejax._dynamics.inertia_force import inertia_force
 from kanejax._dynamics.kane import world_inertia
 from kanejax._evaluate import check_state, evaluate
+from kanejax._kinematics.change_of_speeds import own_speeds
 from kanejax._kinematics.partial_velocity import partial_velocities
 from kanejax._kinematics.pose import poses
+from kanejax._model.generalized_speeds import AnyModel, WithSpeeds, own
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared, displacement
 from kanejax._model.specialized import Specialized, whole
@@ -26,9 +28,11 @@ class Momentum(NamedTuple):
     angular: Float[Array, "3"]
 
 
-def kinetic_energy(model: Model | Specialized, q: Coordinates, u: Speeds) -> Float[Array, ""]:
+def kinetic_energy(model: AnyModel, q: Coordinates, u: Speeds) -> Float[Array, ""]:
     """U . F(q) u / 2 [J], rotor inertias included; MuJoCo's second entry of `energy`."""
-    check_state(model, q=q, u=u)
+    check_state(own(model), q=q, u=u)
+    if isinstance(model, WithSpeeds):
+        return kinetic_energy(model.model, q, own_speeds(model, q, u))
     momentum = evaluate(_generalized_momentum, model, q, u)
     return 0.5 * jnp.dot(u, momentum, precision="highest")
 
@@ -53,9 +57,11 @@ def spring_energy(model: Model | Specialized, q: Coordinates) -> Float[Array, ""
     return 0.5 * (jnp.sum(along) + jnp.sum(about))
 
 
-def momentum(model: Model | Specialized, q: Coordinates, u: Speeds, point: Float[Array, "3"] | None = None) -> Momentum:
+def momentum(model: AnyModel, q: Coordinates, u: Speeds, point: Float[Array, "3"] | None = None) -> Momentum:
     """Linear momentum, and angular momentum about `point` (the common mass centre if left out), in world axes."""
-    check_state(model, q=q, u=u)
+    check_state(own(model), q=q, u=u)
+    if isinstance(model, WithSpeeds):
+        return momentum(model.model, q, own_speeds(model, q, u), point)
     model = whole(model)
     at, partial = poses(model, q), partial_velocities(model, q)
     w, v = jnp.einsum("kri,r->ki", partial.angular, u), jnp.einsum("kri,r->ki", partial.linear, u)

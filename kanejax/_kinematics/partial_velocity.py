@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from kanejax._kinematics.change_of_speeds import chosen_partial_rates, chosen_partials, own_speeds
 from kanejax._kinematics.pose import Poses, poses
-from kanejax._model.model import Model
-from kanejax._model.specialized import Specialized
+from kanejax._model.generalized_speeds import AnyModel, WithSpeeds
 from kanejax._model.tree import Tree
 from kanejax._types import Coordinates, Speeds
 
@@ -32,11 +32,13 @@ class PartialVelocities(NamedTuple):
     linear: Float[Array, "nbody nv 3"]
 
 
-def partial_velocities(model: Model | Specialized, q: Coordinates) -> PartialVelocities:
+def partial_velocities(model: AnyModel, q: Coordinates) -> PartialVelocities:
     """Partial angular velocities and partial velocities of the mass centres, in world axes.
 
     `angular[k, r]` is Kane's w_r of body k [rad/s a unit of speed r], `linear[k, r]` his v_r of its mass centre.
     """
+    if isinstance(model, WithSpeeds):
+        return PartialVelocities(*chosen_partials(model, q, *partial_velocities(model.model, q)))
     at = poses(model, q)
     return partial_velocities_of_points(model.tree, at, at.com)
 
@@ -50,8 +52,12 @@ def partial_velocities_of_points(tree: Tree, at: Poses, points: Float[Array, "nb
     return PartialVelocities(angular, jnp.where(moved, axes.linear[None, :, :], 0.0) + jnp.cross(angular, arm))
 
 
-def partial_velocity_rates(model: Model | Specialized, q: Coordinates, u: Speeds) -> PartialVelocities:
+def partial_velocity_rates(model: AnyModel, q: Coordinates, u: Speeds) -> PartialVelocities:
     """Time derivatives, in the world frame, of `partial_velocities` along the motion, Nie (3.13) and (3.31)-(3.34)."""
+    if isinstance(model, WithSpeeds):
+        rates = partial_velocity_rates(model.model, q, own_speeds(model, q, u))
+        pairs = zip(partial_velocities(model.model, q), rates, strict=True)
+        return PartialVelocities(*chosen_partial_rates(model, q, u, *pairs))
     tree, at = model.tree, poses(model, q)
     axes = speed_axes(tree, at)
     joint = tree.speed_joints

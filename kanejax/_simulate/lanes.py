@@ -4,7 +4,7 @@ import collections
 import contextlib
 import queue
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -19,7 +19,7 @@ Runner = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, Any, Any]]
 Store = Callable[[np.ndarray, Trajectory], None]
 
 
-def run_lanes(run: Runner, rows: np.ndarray, size: int, threads: int, store: Store) -> Iterator[int]:
+def run_lanes(run: Runner, rows: np.ndarray, size: int, threads: int, store: Store) -> Generator[int]:
     """Run trajectories and store them as they finish, `size` lanes in each of `threads`; yields how many were stored.
 
     When whoever reads is interrupted, threads end with the segment that they are in, and store what finished in it.

@@ -75,7 +75,8 @@ def make(mj, seed=0):
     v = W @ (u - Z)
     q_dot = np.asarray(kj.coordinate_rates(model, jnp.asarray(q), jnp.asarray(v)))
     rest = matrix.in_numpy(q, q_dot, TIME)[1] @ v + drift.in_numpy(q, q_dot, TIME)[1]
-    return Case(mj, model, arm, *map(jnp.asarray, (q, u, u_dot)), Change(W, v, W @ (u_dot - rest), Y, rest))
+    change = Change(W, v, W @ (u_dot - rest), Y, rest)
+    return Case(mj, model, arm, jnp.asarray(q), jnp.asarray(u), jnp.asarray(u_dot), change)
 
 
 @pytest.fixture(params=(2, 9, 14), scope="module")

@@ -67,7 +67,7 @@ def test_every_base_link_gives_the_same_motion(body, arm):
     found = kj.simulate(chosen, q, u, ts, control=without_weight(model), **TIGHT)
     assert int(found.status) == kj.Status.SUCCESSFUL
     assert float(jnp.abs(found.q - expected.q).max()) < 1e-9
-    back = jax.vmap(kj.rates_from_speeds, (None, 0, 0))(chosen, found.q, found.u)
+    back = jax.vmap(kj.rates_from_speeds, (None, 0, 0))(chosen, jnp.asarray(found.q), jnp.asarray(found.u))
     assert float(jnp.abs(back - expected.u).max()) < 1e-9
     # Not by doing nothing: all but the first choice change the speeds.
     assert body == "A" or float(jnp.abs(found.u - expected.u).max()) > 0.1
@@ -81,7 +81,9 @@ def test_time_dependent_speeds_of_ball_and_free_joints(floating):
     found = kj.simulate(chosen, q, kj.speeds_from_rates(chosen.at(0.2), q, rates), ts, **TIGHT)
     assert int(found.status) == kj.Status.SUCCESSFUL
     assert float(jnp.abs(found.q - expected.q).max()) < 1e-9
-    back = jax.vmap(lambda t, q, u: kj.rates_from_speeds(chosen.at(t), q, u))(jnp.asarray(ts), found.q, found.u)
+    back = jax.vmap(lambda t, q, u: kj.rates_from_speeds(chosen.at(t), q, u))(
+        jnp.asarray(ts), jnp.asarray(found.q), jnp.asarray(found.u)
+    )
     assert float(jnp.abs(back - expected.u).max()) < 1e-9
 
 
@@ -107,7 +109,7 @@ def test_a_motion_that_comes_to_the_singularity_ends_there_undisturbed(arm, rate
     assert kj.Status(int(found.status)) is kj.Status.SINGULAR_SPEEDS
     assert not bool(found.ok)
     assert found.event_names[int(found.event)] == "singular speeds"
-    first, last = kj.speed_conditioning(arm, q), kj.speed_conditioning(arm, found.q_end)
+    first, last = kj.speed_conditioning(arm, q), kj.speed_conditioning(arm, jnp.asarray(found.q_end))
     assert abs(float(last / first) - 1e-3) < 1e-9
     assert 0.0 < float(found.q_end[1]) < 2e-3
     expected = kj.simulate(arm.model, q, rates, ts, control=control, dense=True, **TIGHT)
@@ -117,7 +119,7 @@ def test_a_motion_that_comes_to_the_singularity_ends_there_undisturbed(arm, rate
     q_end, rates_end = expected.evaluate(found.t_end)
     assert float(jnp.abs(found.q_end - q_end).max()) < 1e-6
     # Three digits less than the tolerance.
-    assert float(jnp.abs(kj.rates_from_speeds(arm, found.q_end, found.u_end) - rates_end).max()) < 1e-2
+    assert float(jnp.abs(kj.rates_from_speeds(arm, jnp.asarray(found.q_end), jnp.asarray(found.u_end)) - rates_end).max()) < 1e-2
     with pytest.raises(kj.SimulationError, match=r"SINGULAR_SPEEDS at t = .* Go on in other speeds"):
         kj.simulate(arm, q, u, ts, control=control, throw=True)
 
@@ -133,6 +135,7 @@ def test_the_singularity_is_no_event_of_the_user(arm):
     assert found.event_names == ("half way", "singular speeds")
 
 
+@pytest.mark.slow
 def test_a_batch_in_which_one_is_singular(arm):
     q = jnp.stack([start(arm, rate=r)[0] for r in (0.1, -2.0, 0.2)])
     u = jnp.stack([start(arm, rate=r)[2] for r in (0.1, -2.0, 0.2)])
@@ -149,6 +152,7 @@ def test_a_batch_in_which_one_is_singular(arm):
         assert float(np.abs(np.asarray(alone.q) - in_lanes.q[row]).max()) < 1e-9
 
 
+@pytest.mark.slow
 def test_domain_randomisation_in_chosen_speeds(arm):
     q, _, u = start(arm)
     masses = arm.model.mass[None] * jnp.array([1.0, 1.2])[:, None]
@@ -161,6 +165,7 @@ def test_domain_randomisation_in_chosen_speeds(arm):
     assert float(np.abs(found.q[1] - found.q[0]).max()) > 1e-3
 
 
+@pytest.mark.slow
 def test_gradients_of_a_motion_do_not_depend_on_the_speeds(arm):
     q, rates, _ = start(arm)
     ts = np.linspace(0.0, 0.4, 3)
