@@ -197,13 +197,13 @@ kernel_call = Primitive("kanejax_kernel")
 kernel_call.multiple_results = True
 
 
-def _bind(*operands: jax.Array, **params: Any) -> list[jax.Array]:
+def _bind(*operands: Any, **params: Any) -> list[jax.Array]:
     """Call the primitive."""
     return kernel_call.bind(*vary_alike(operands), **params)
 
 
 @kernel_call.def_impl
-def _evaluate(*operands: jax.Array, **params: Any) -> list[jax.Array]:
+def _evaluate(*operands: Any, **params: Any) -> list[jax.Array]:
     return _compiled(tuple(sorted(params.items(), key=lambda item: item[0])))(*operands)
 
 
@@ -228,7 +228,7 @@ def _batch(operands: tuple, dims: tuple, *, kernel: Any, size: int | None, batch
     first = [jnp.moveaxis(x, d, 0) if moves else x for x, d, moves in zip(operands, dims, moving, strict=True)]
     summed = (False,) * len(kernel.shapes(_of_one(first, moving)))
 
-    def bind(operands: Sequence[jax.Array], size: int) -> list[jax.Array]:
+    def bind(operands: Sequence[Any], size: int) -> list[jax.Array]:
         return _bind(*operands, kernel=kernel, size=size, batched=moving, summed=summed)
 
     results = call_in_parts(bind, first, moving, length)
@@ -246,7 +246,7 @@ def _batch_again(operands: tuple, dims: tuple, length: int, *, kernel: Any, size
             x = jnp.broadcast_to(x, (length, size, *x.shape[2:])).reshape(length * size, *x.shape[2:])
         flat.append(x)
 
-    def bind(operands: Sequence[jax.Array], size: int) -> list[jax.Array]:
+    def bind(operands: Sequence[Any], size: int) -> list[jax.Array]:
         return _bind(*operands, kernel=kernel, size=size, batched=moving, summed=(False,) * len(summed))
 
     results = call_in_parts(bind, flat, moving, length * size)

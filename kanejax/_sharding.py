@@ -2,8 +2,9 @@
 
 Under `jax.shard_map` operands that the devices share are cast to values of each device before the call, as JAX does it for
 its own functions; the transpose of that cast is the sum over the devices. A batch that is split over an explicit axis of a mesh
-is evaluated part by part, without a `shard_map` of the user's. Over an axis of type `Auto` types say nothing and only `shard_map`
-splits the work: there `jax.jit` alone gathers the batch, and every device computes all of it.
+is evaluated part by part, without a `shard_map` of the user's (in `jax.set_mesh`, or JAX does not differentiate all loops over the
+leaves of a model). Over an axis of type `Auto` types say nothing and only `shard_map` splits the work: there `jax.jit` alone
+gathers the batch, and every device computes all of it.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,10 +16,10 @@ from jax.core import ShapedArray
 from jax.sharding import NamedSharding, PartitionSpec
 
 # Of operands and the size of the batch.
-BatchFunction = Callable[[Sequence[jax.Array], int], list[jax.Array]]
+BatchFunction = Callable[[Sequence[Any], int], list[jax.Array]]
 
 
-def vary_alike(operands: Sequence[jax.Array]) -> list[jax.Array]:
+def vary_alike(operands: Sequence[Any]) -> list[Any]:
     """Operands that all vary over every axis of `jax.shard_map` over which one of them does."""
     types = [jax.typeof(x).manual_axis_type for x in operands]
     axes = frozenset[Any]().union(*(t.varying | t.reduced | t.unreduced for t in types))
@@ -37,7 +38,7 @@ def result_type(shape: tuple[int, ...], dtype: Any, operands: Sequence[Any]) -> 
     return like.update(shape=shape, dtype=dtype, weak_type=False, sharding=sharding)
 
 
-def call_in_parts(function: BatchFunction, operands: Sequence[jax.Array], batched: Sequence[bool], size: int) -> list[jax.Array]:
+def call_in_parts(function: BatchFunction, operands: Sequence[Any], batched: Sequence[bool], size: int) -> list[jax.Array]:
     """`function(operands, size)`, whose results have the batch first, as `batched` operands have it.
 
     If their types say over which axes of a mesh the batch is split, each device computes its part, and the results stay split.
@@ -51,7 +52,7 @@ def call_in_parts(function: BatchFunction, operands: Sequence[jax.Array], batche
     specs = tuple(parts if moves else PartitionSpec() for moves in batched)
     placed = [jax.sharding.reshard(x, NamedSharding(mesh, spec)) for x, spec in zip(operands, specs, strict=True)]
 
-    def part(*operands: jax.Array) -> list[jax.Array]:
+    def part(*operands: Any) -> list[jax.Array]:
         return function(operands, next(len(x) for x, moves in zip(operands, batched, strict=True) if moves))
 
     axes = {names} if isinstance(names, str) else set(names)

@@ -26,7 +26,7 @@ def split(function: Callable, model: Any, state: tuple) -> tuple[Callable, tuple
     whole, parts = PartitionSpec(), PartitionSpec("batch")
     batched = jax.vmap(function, (None, 0, 0, 0))
     specs = (whole, *(parts for _ in state))
-    mapped = jax.jit(jax.shard_map(batched, mesh=mesh, in_specs=specs, out_specs=parts, check_vma=False))
+    mapped = jax.jit(jax.shard_map(batched, mesh=mesh, in_specs=specs, out_specs=parts))
     placed = jax.device_put(model, NamedSharding(mesh, whole)), *(jax.device_put(x, NamedSharding(mesh, parts)) for x in state)
     return mapped, placed
 

@@ -90,7 +90,7 @@ def _link_wrench(joint: Joint, parent: Motion, link: LinkInputs) -> tuple[Motion
     spin = plus(*(scale(speed, angular) for (angular, _), speed in zip(axes, link.speeds, strict=True)))
     slide = plus(*(scale(speed, linear) for (_, linear), speed in zip(axes, link.speeds, strict=True)))
     alpha = plus(alpha, cross(w, spin), *(scale(rate, angular) for (angular, _), rate in zip(axes, link.rates, strict=True)))
-    a = plus(a, scale(2.0, cross(w, slide)), *(scale(rate, linear) for (_, linear), rate in zip(axes, link.rates, strict=True)))
+    a = plus(a, cross(w, scale(2.0, slide)), *(scale(rate, linear) for (_, linear), rate in zip(axes, link.rates, strict=True)))
     motion = barrier(Motion(plus(w, spin), alpha, a))
     return motion, _wrench(link.links, motion)
 

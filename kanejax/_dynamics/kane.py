@@ -20,7 +20,7 @@ from kanejax._kinematics.change_of_speeds import (
 )
 from kanejax._kinematics.partial_velocity import PartialVelocities, partial_velocities, partial_velocity_rates
 from kanejax._kinematics.pose import poses
-from kanejax._model.generalized_speeds import WithSpeeds, own
+from kanejax._model.generalized_speeds import AnyModel, WithSpeeds, own
 from kanejax._model.model import Model
 from kanejax._model.specialized import whole
 from kanejax._types import Coordinates, Forces, Speeds
@@ -44,7 +44,7 @@ class KaneEquations(NamedTuple):
     gravity_force: Forces
 
 
-def kane_equations(model: Model | WithSpeeds, q: Coordinates, u: Speeds) -> KaneEquations:
+def kane_equations(model: AnyModel, q: Coordinates, u: Speeds) -> KaneEquations:
     """Form Kane's equations from partial velocities, body by body.
 
     Equal to what `mass_matrix`, `bias_force` and `gravity_force` accumulate tip to base:
@@ -56,6 +56,7 @@ def kane_equations(model: Model | WithSpeeds, q: Coordinates, u: Speeds) -> Kane
     check_state(own(model), q=q, u=u)
     if isinstance(model, WithSpeeds):
         return _in_chosen_speeds(model, q, u)
+    model = whole(model)
     partial = partial_velocities(model, q)
     rates = partial_velocity_rates(model, q, u)
     inertia = world_inertia(model, q)
@@ -80,7 +81,7 @@ def kane_equations(model: Model | WithSpeeds, q: Coordinates, u: Speeds) -> Kane
 def _in_chosen_speeds(model: WithSpeeds, q: Coordinates, u: Speeds) -> KaneEquations:
     """The same in chosen speeds; what changes while these stand still belongs to the remainder Z."""
     rates, rates_dot = own_motion(model, q, u, jnp.zeros_like(u))
-    equations = kane_equations(whole(model.model), q, rates)
+    equations = kane_equations(model.model, q, rates)
     partial = PartialVelocities(*chosen_partials(model, q, *equations.partial))
     turning = PartialVelocities(*chosen_partial_rates(model, q, u, *zip(equations.partial, equations.rates, strict=True)))
     remainder = equations.inertia_remainder + product(equations.mass_matrix, rates_dot)

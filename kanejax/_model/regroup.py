@@ -51,6 +51,8 @@ def regroup(tree: Tree, placements: Float[Array, "n 3 4"], moments: Moments, upr
         upright: links that are to keep as much second moment along their axis as makes their inertia about the y axis vanish,
             instead of none: fewer operations where there is no first moment.
     """
+    if not tree.njoint:
+        return moments
     kinds = np.array(tree.joint_types)
     parents = np.array([tree.njoint if parent == WORLD else parent for parent in tree.link_parents], np.int32)
     turns = kinds == "revolute"
@@ -61,7 +63,7 @@ def regroup(tree: Tree, placements: Float[Array, "n 3 4"], moments: Moments, upr
         turns | (kinds == "ball"),
         turns,
         kinds == "prismatic",
-        ~np.array(upright or (False,) * tree.njoint),
+        ~np.array(upright or (False,) * tree.njoint, bool),
     )
     # One row more, for the world.
     totals = jax.tree.map(lambda x: jnp.concatenate((x, jnp.zeros_like(x[:1]))), moments)

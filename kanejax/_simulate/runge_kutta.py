@@ -61,7 +61,7 @@ class ExplicitRungeKutta(diffrax.AbstractAdaptiveSolver):
             rate = jax.lax.cond(unknown | (i > 0), lambda: terms.vf(times[i], y, args), lambda: last)
             return rates.at[i].set(rate), y
 
-        rates, y1 = jax.lax.fori_loop(0, stages, stage, (jnp.zeros((stages, *y0.shape), y0.dtype), y0))
+        rates, y1 = jax.lax.fori_loop(0, stages, stage, (jnp.broadcast_to(jnp.zeros_like(y0), (stages, *y0.shape)), y0))
         if not tableau.ssal:
             y1 = y0 + dt * _weighted(np.asarray(tableau.b_sol, y0.dtype), rates)
         error = dt * _weighted(np.asarray(tableau.b_error, y0.dtype), rates)
