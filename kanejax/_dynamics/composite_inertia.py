@@ -5,6 +5,7 @@ composite inertia of Walker and Orin 1982, Nie's (3.56) summed link by link). Wr
 axes, placements and regrouped inertias fold; the elimination then goes from the tips to the base, which leaves F's zeros zeros.
 """
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -23,6 +24,7 @@ from kanejax._scalar import (
     cross,
     dot,
     inertia_of,
+    is_known,
     mul,
     outer_symmetric,
     plus,
@@ -64,8 +66,10 @@ class Factor(NamedTuple):
 def mass_matrix(tree: Tree, links: LinkParameters, armature: Scalar, q: jax.Array) -> jax.Array:
     """F(q), (nv, nv, *batch)."""
     entries, shape = mass_entries(tree, links, armature, q), q.shape[1:]
-    below = [entries.get((max(i, j), min(i, j)), 0.0) for i in range(tree.nv) for j in range(tree.nv)]
-    return jnp.stack([jnp.broadcast_to(jnp.asarray(x, q.dtype), shape) for x in below]).reshape(tree.nv, tree.nv, *shape)
+    both = [entries.get((max(i, j), min(i, j)), 0.0) for i in range(tree.nv) for j in range(tree.nv)]
+    # Materialised before: XLA evaluates what is fused into a stack for every row of it.
+    columns = barrier([jnp.broadcast_to(jnp.asarray(x, q.dtype), shape) for x in both])
+    return jnp.stack(columns).reshape(tree.nv, tree.nv, *shape)
 
 
 def factorize(tree: Tree, links: LinkParameters, armature: Scalar, q: jax.Array) -> Factor:
@@ -74,7 +78,9 @@ def factorize(tree: Tree, links: LinkParameters, armature: Scalar, q: jax.Array)
     lower: Entries = {}
     inverse: list[Scalar] = [0.0] * tree.nv
     for k in reversed(range(tree.nv)):
-        inverse[k] = barrier(1.0 / entries[k, k])
+        pivot = entries[k, k]
+        # A joint that moves nothing has infinite accelerations, as where its inertia is not known while tracing.
+        inverse[k] = math.inf if is_known(pivot) and pivot == 0 else barrier(1.0 / pivot)
         columns = [i for i in range(k) if (k, i) in entries]
         for i in columns:
             lower[k, i] = barrier(mul(entries[k, i], inverse[k]))
@@ -104,7 +110,7 @@ def mass_entries(tree: Tree, links: LinkParameters, armature: Scalar, q: jax.Arr
     for i, row in reversed(list(enumerate(rows))):
         for axis, speed in zip(row.axes, row.speeds, strict=True):
             _add_column(entries, rows, i, speed, barrier(_momentum(composite[i], axis)))
-            rotor = armature if isinstance(armature, float) else armature[speed]
+            rotor = armature if is_known(armature) else armature[speed]
             entries[speed, speed] = add(entries[speed, speed], rotor)
         if row.parent != WORLD:
             moved = barrier(_moved(composite[i], row.placement))

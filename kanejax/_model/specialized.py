@@ -15,7 +15,8 @@ from kanejax._model.model import Model, leaf_shapes
 from kanejax._model.prepared import Prepared, prepare
 from kanejax._model.tree import OnTree, Tree
 
-# Entries of rotations as near as rounding leaves them to -1, 0 and 1 are taken for exactly that.
+# Entries of rotations as near as rounding leaves them to -1, 0 and 1 are taken for exactly that; so are zeros of positions and
+# moments, relative to their size.
 ROUNDING = {jnp.dtype(jnp.float32): 2e-6, jnp.dtype(jnp.float64): 1e-12}
 
 # Parameters that are the number 0 where none of them differs from it: what is multiplied by them is not computed.
