@@ -24,6 +24,7 @@ from kanejax._dynamics.equations_of_motion import (
     passive_force as passive_force,
 )
 from kanejax._dynamics.kane import KaneEquations as KaneEquations, kane_equations as kane_equations
+from kanejax._dynamics.regressor import regressor as regressor
 from kanejax._dynamics.wrench import (
     Wrenches as Wrenches,
     external_force as external_force,
@@ -65,6 +66,10 @@ from kanejax._model.generalized_speeds import (
     WithSpeeds as WithSpeeds,
     with_speeds as with_speeds,
 )
+from kanejax._model.inertia import (
+    inertia_parameters as inertia_parameters,
+    with_inertia_parameters as with_inertia_parameters,
+)
 from kanejax._model.model import Model as Model
 from kanejax._model.specialized import Specialized as Specialized, specialize as specialize
 from kanejax._model.tree import Tree as Tree
@@ -73,6 +78,7 @@ from kanejax._operation_count import OperationCount as OperationCount, operation
 # What needs MuJoCo, diffrax or rich is imported when it is first used: they take longer than all else here. Type checkers read
 # the imports, Python reads the table.
 if _typing.TYPE_CHECKING:
+    from kanejax._identify.base_parameters import BaseParameters as BaseParameters, base_parameters as base_parameters
     from kanejax._io.export import to_mjcf as to_mjcf, to_mujoco as to_mujoco
     from kanejax._io.load import LoadReport as LoadReport, load as load, load_report as load_report
     from kanejax._io.mujoco import from_mujoco as from_mujoco
@@ -91,6 +97,7 @@ if _typing.TYPE_CHECKING:
     from kanejax._validate.validate import validate as validate
 else:
     _LATER = {
+        "_identify.base_parameters": ("BaseParameters", "base_parameters"),
         "_io.export": ("to_mjcf", "to_mujoco"),
         "_io.load": ("LoadReport", "load", "load_report"),
         "_io.mujoco": ("from_mujoco",),

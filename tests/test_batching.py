@@ -27,9 +27,9 @@ def case():
 
 def plain(model, q, u, u_dot):
     """Inverse dynamics without the primitive: JAX's own rules for everything."""
-    from kanejax._dynamics.equations_of_motion import _inverse_dynamics
+    from kanejax._dynamics.equations_of_motion import inverse_dynamics_kernel
 
-    return _inverse_dynamics(model.tree, prepare(model), q, u, u_dot)
+    return inverse_dynamics_kernel(model.tree, prepare(model), q, u, u_dot)
 
 
 def over_states(function):

@@ -1,4 +1,4 @@
-"""Imports point one way along the flow: files, model, kinematics, dynamics, simulation; heavy ones wait for their use."""
+"""Imports point one way along the flow: files, model, kinematics, dynamics, simulation, identification; heavy ones wait for their use."""
 
 import ast
 import pathlib
@@ -24,6 +24,7 @@ BELOW = {
     "_kinematics": {"_types", "_scalar", "_model", "_recursion", "_evaluate"},
     "_dynamics": {"_types", "_scalar", "_model", "_recursion", "_evaluate", "_kinematics"},
     "_simulate": {"_types", "_scalar", "_model", "_recursion", "_evaluate", "_kinematics", "_dynamics", "_errors"},
+    "_identify": {"_types", "_scalar", "_model", "_evaluate", "_kinematics", "_dynamics", "_simulate", "_errors"},
 }
 
 
@@ -51,7 +52,7 @@ def run(program: str) -> None:
 
 
 def test_import_is_light():
-    run("import sys, kanejax; assert not {'mujoco', 'diffrax', 'optimistix', 'lineax', 'rich', 'typer'} & set(sys.modules)")
+    run("import sys, kanejax; assert not {'mujoco', 'diffrax', 'optimistix', 'lineax', 'rich', 'typer', 'scipy.signal', 'optax'} & set(sys.modules)")
 
 
 def test_names_imported_on_use_are_found_in_every_way():

@@ -59,7 +59,7 @@ def inverse_dynamics(model: AnyModel, q: Coordinates, u: Speeds, u_dot: Speeds) 
     check_state(own(model), q=q, u=u, u_dot=u_dot)
     if isinstance(model, WithSpeeds):
         return inverse_dynamics(model.model, q, *own_motion(model, q, u, u_dot))
-    return evaluate(_inverse_dynamics, model, q, u, u_dot)
+    return evaluate(inverse_dynamics_kernel, model, q, u, u_dot)
 
 
 def forward_dynamics(model: AnyModel, q: Coordinates, u: Speeds, tau: Forces) -> Speeds:
@@ -133,7 +133,7 @@ def generalized_active_force(model: AnyModel, q: Coordinates, u: Speeds, tau: Fo
     return applied + gravity_force(model, q) + passive_force(model, q, u)
 
 
-def _inverse_dynamics(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, u_dot: Scalar) -> jax.Array:
+def inverse_dynamics_kernel(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Array, u_dot: Scalar) -> jax.Array:
     dynamic = inertia_force(tree, prepared.links, prepared.gravity, displacement(tree, prepared, q), u, u_dot)
     return sub(add(dynamic, mul(prepared.armature, u_dot)), _passive_force(tree, prepared, q, u))
 
@@ -204,7 +204,7 @@ def _solve_with_factor(tree: Tree, prepared: Prepared, q: jax.Array, u: jax.Arra
     elimination = _elimination(tree, prepared, q)
     factor = elimination.factorize(tree, prepared.links, _rotors(prepared, u), displacement(tree, prepared, q))
     solve = functools.partial(elimination.solve, tree, factor)
-    return solve(tau - _inverse_dynamics(tree, prepared, q, u, 0.0)), solve
+    return solve(tau - inverse_dynamics_kernel(tree, prepared, q, u, 0.0)), solve
 
 
 @_solve_motion.defjvp
@@ -214,7 +214,7 @@ def _implicit_derivative(tree: Tree, known: _Known, primals: tuple, tangents: tu
     u_dot, solve = _solve_with_factor(tree, eqx.combine(traced, known.prepared), q, u, tau)
 
     def needed(traced: Prepared, q: jax.Array, u: jax.Array) -> jax.Array:
-        return _inverse_dynamics(tree, eqx.combine(traced, known.prepared), q, u, u_dot)
+        return inverse_dynamics_kernel(tree, eqx.combine(traced, known.prepared), q, u, u_dot)
 
     change = jax.jvp(needed, (traced, q, u), tangents[:3])[1]
     return u_dot, solve(tangents[3] - change)

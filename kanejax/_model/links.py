@@ -40,11 +40,19 @@ class LinkParameters(NamedTuple):
     second_moment: Rows
 
 
-def link_parameters(model: Model, upright: tuple[bool, ...] = ()) -> LinkParameters:
-    """Parameters of the links from those of bodies and joints; `upright` as for `regroup`."""
+def link_parameters(model: Model, upright: tuple[bool, ...] = (), moments: Moments | None = None) -> LinkParameters:
+    """Parameters of the links from those of bodies and joints.
+
+    Args:
+        model: the mechanism.
+        upright: as for `regroup`.
+        moments: of each body, in its own frame, in place of those of mass, com and central_inertia; the result is linear in them.
+    """
     bodies = body_poses_in_links(model)
     placements = _placements(model, bodies)
-    mass, first, second = regroup(model.tree, placements, _fused_moments(model, bodies), upright)
+    moved = _moments_in_links(model, bodies) if moments is None else _moved(moments, bodies)
+    fused = Moments(*(_sum_over_bodies(model.tree, x) for x in moved))
+    mass, first, second = regroup(model.tree, placements, fused, upright)
     six = jnp.stack([second[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))], -1)
     return LinkParameters(placements[..., :3], placements[..., 3], mass, first, six)
 
@@ -126,8 +134,8 @@ def _placements(model: Model, bodies: Poses34) -> Poses34:
     return compose(base, own)
 
 
-def _fused_moments(model: Model, bodies: Poses34) -> Moments:
-    """Moments of the mass of each link about its origin, summed over its bodies."""
+def _moments_in_links(model: Model, bodies: Poses34) -> Moments:
+    """Moments of the mass of each body about the origin of its link."""
     rotation = bodies[..., :3]
     com = jnp.sum(rotation * model.com[:, None, :], -1) + bodies[..., 3]
     first = model.mass[:, None] * com
@@ -136,8 +144,18 @@ def _fused_moments(model: Model, bodies: Poses34) -> Moments:
     turned = jnp.sum(half[..., :, None, :] * rotation[..., None, :, :], -1)
     # Inertia is tr(J) 1 - J for the second moment J, whose trace is therefore half that of the inertia.
     spread = 0.5 * jnp.trace(turned, axis1=-2, axis2=-1)[:, None, None] * jnp.eye(3, dtype=turned.dtype)[None] - turned
-    second = spread + first[:, :, None] * com[:, None, :]
-    return Moments(*(_sum_over_bodies(model.tree, x) for x in (model.mass, first, second)))
+    return Moments(model.mass, first, spread + first[:, :, None] * com[:, None, :])
+
+
+def _moved(moments: Moments, bodies: Poses34) -> Moments:
+    """Moments about the origins of the links, from those of the bodies in their own frames."""
+    rotation, position = bodies[..., :3], bodies[..., 3]
+    mass = moments.mass[:, None]
+    turned = jnp.sum(rotation * moments.first[:, None, :], -1)
+    half = jnp.sum(rotation[..., :, :, None] * moments.second[..., None, :, :], -2)
+    rotated = jnp.sum(half[..., :, None, :] * rotation[..., None, :, :], -1)
+    mixed = (turned + 0.5 * mass * position)[:, :, None] * position[:, None, :]
+    return Moments(moments.mass, turned + mass * position, rotated + mixed + jnp.swapaxes(mixed, -1, -2))
 
 
 def _sum_over_bodies(tree: Tree, of_bodies: jax.Array) -> jax.Array:

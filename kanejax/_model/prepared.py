@@ -8,6 +8,7 @@ import numpy as np
 
 from kanejax._model.links import LinkParameters, link_parameters
 from kanejax._model.model import Model
+from kanejax._model.regroup import Moments
 from kanejax._model.tree import COORDINATES, Tree
 from kanejax._scalar import sub
 from kanejax._types import Scalar
@@ -30,13 +31,13 @@ class Prepared(NamedTuple):
     friction_width: jax.Array
 
 
-def prepare(model: Model, upright: tuple[bool, ...] = ()) -> Prepared:
-    """Compute the parameters of the links from those of the bodies and joints; `upright` as for `regroup`."""
+def prepare(model: Model, upright: tuple[bool, ...] = (), moments: Moments | None = None) -> Prepared:
+    """Compute the parameters of the links from those of the bodies and joints; `upright` and `moments` as for `link_parameters`."""
     turns_or_slides = np.repeat(
         [COORDINATES[kind] == 1 for kind in model.tree.joint_types], [COORDINATES[kind] for kind in model.tree.joint_types]
     )
     return Prepared(
-        link_parameters(model, upright),
+        link_parameters(model, upright, moments),
         model.gravity,
         model.armature,
         model.damping,
