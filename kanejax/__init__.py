@@ -35,6 +35,7 @@ from kanejax._errors import (
     InvalidInertiaError as InvalidInertiaError,
     InvalidParameterError as InvalidParameterError,
     KanejaxError as KanejaxError,
+    LogError as LogError,
     ModelFileError as ModelFileError,
     RepairedModelWarning as RepairedModelWarning,
     UnknownNameError as UnknownNameError,
@@ -79,6 +80,12 @@ from kanejax._operation_count import OperationCount as OperationCount, operation
 # the imports, Python reads the table.
 if _typing.TYPE_CHECKING:
     from kanejax._identify.base_parameters import BaseParameters as BaseParameters, base_parameters as base_parameters
+    from kanejax._identify.columns import Columns as Columns, Units as Units
+    from kanejax._identify.delay import Delay as Delay, estimated_delay as estimated_delay
+    from kanejax._identify.log import Log as Log, Run as Run
+    from kanejax._identify.motion import Motion as Motion, split as split
+    from kanejax._identify.processing import motions as motions
+    from kanejax._identify.read_log import read_log as read_log
     from kanejax._io.export import to_mjcf as to_mjcf, to_mujoco as to_mujoco
     from kanejax._io.load import LoadReport as LoadReport, load as load, load_report as load_report
     from kanejax._io.mujoco import from_mujoco as from_mujoco
@@ -98,6 +105,12 @@ if _typing.TYPE_CHECKING:
 else:
     _LATER = {
         "_identify.base_parameters": ("BaseParameters", "base_parameters"),
+        "_identify.columns": ("Columns", "Units"),
+        "_identify.delay": ("Delay", "estimated_delay"),
+        "_identify.log": ("Log", "Run"),
+        "_identify.motion": ("Motion", "split"),
+        "_identify.processing": ("motions",),
+        "_identify.read_log": ("read_log",),
         "_io.export": ("to_mjcf", "to_mujoco"),
         "_io.load": ("LoadReport", "load", "load_report"),
         "_io.mujoco": ("from_mujoco",),

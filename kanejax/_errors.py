@@ -28,6 +28,10 @@ class InvalidParameterError(KanejaxError, ValueError):
     """A parameter of a model is not finite, or lies where the dynamics are not defined."""
 
 
+class LogError(KanejaxError, ValueError):
+    """A log of a robot's motion is missing, malformed, or cannot be what is asked of it."""
+
+
 class UnknownNameError(KanejaxError, KeyError):
     """A name is not in the model; the message lists the names that are."""
 
