@@ -82,10 +82,25 @@ if _typing.TYPE_CHECKING:
     from kanejax._identify.base_parameters import BaseParameters as BaseParameters, base_parameters as base_parameters
     from kanejax._identify.columns import Columns as Columns, Units as Units
     from kanejax._identify.delay import Delay as Delay, estimated_delay as estimated_delay
+    from kanejax._identify.identify import identify as identify
     from kanejax._identify.log import Log as Log, Run as Run
     from kanejax._identify.motion import Motion as Motion, split as split
+    from kanejax._identify.parameterization import (
+        Parameterization as Parameterization,
+        parameterization as parameterization,
+    )
+    from kanejax._identify.payload import with_payload as with_payload
+    from kanejax._identify.plant import Drives as Drives, Plant as Plant, drive_force as drive_force, signal as signal
+    from kanejax._identify.priors import Entropic as Entropic, Gaussian as Gaussian, Geodesic as Geodesic
     from kanejax._identify.processing import motions as motions
     from kanejax._identify.read_log import read_log as read_log
+    from kanejax._identify.result import (
+        Comparison as Comparison,
+        Estimate as Estimate,
+        Identification as Identification,
+        relative_error as relative_error,
+    )
+    from kanejax._identify.unknowns import Unknown as Unknown
     from kanejax._io.export import to_mjcf as to_mjcf, to_mujoco as to_mujoco
     from kanejax._io.load import LoadReport as LoadReport, load as load, load_report as load_report
     from kanejax._io.mujoco import from_mujoco as from_mujoco
@@ -109,8 +124,15 @@ else:
         "_identify.delay": ("Delay", "estimated_delay"),
         "_identify.log": ("Log", "Run"),
         "_identify.motion": ("Motion", "split"),
+        "_identify.identify": ("identify",),
+        "_identify.parameterization": ("Parameterization", "parameterization"),
+        "_identify.payload": ("with_payload",),
+        "_identify.plant": ("Drives", "Plant", "drive_force", "signal"),
+        "_identify.priors": ("Entropic", "Gaussian", "Geodesic"),
         "_identify.processing": ("motions",),
         "_identify.read_log": ("read_log",),
+        "_identify.result": ("Comparison", "Estimate", "Identification", "relative_error"),
+        "_identify.unknowns": ("Unknown",),
         "_io.export": ("to_mjcf", "to_mujoco"),
         "_io.load": ("LoadReport", "load", "load_report"),
         "_io.mujoco": ("from_mujoco",),

@@ -28,7 +28,8 @@ def inertia_parameters(model: Model) -> Float[Array, "nbody 10"]:
 def with_inertia_parameters(model: Model, parameters: Float[Array, "nbody 10"]) -> Model:
     """The model with the bodies' mass, mass centre and central inertia from `inertia_parameters`.
 
-    A body without mass keeps its mass centre. Nothing is checked, see `check_model`.
+    A body without mass keeps its mass centre, and has no first moment whatever `parameters` say. Nothing is checked, see
+    `check_model`.
     """
     mass, first = parameters[:, 0], parameters[:, 1:4]
     massless = mass == 0
