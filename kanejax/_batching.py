@@ -180,17 +180,27 @@ def _run_chunk(operands: Any, kernel: Any, size: int, batched: tuple, summed: tu
     inner = [jnp.moveaxis(x, 0, -1) if moves else x[..., None] for x, moves in zip(operands, batched, strict=True)]
     # Barriers keep the transpositions out of the kernel's loops, which would not vectorise with them.
     inner = lax.optimization_barrier(inner)
-    owners = kernel.owners(len(inner))
-    if owners is not None:
-        # A gradient for each member of the batch needs a copy of what it is the gradient of for each.
-        for owner, adds in zip(owners, summed, strict=True):
-            if not adds and not batched[owner]:
-                inner[owner] = jnp.broadcast_to(inner[owner], (*inner[owner].shape[:-1], size))
+    for owner in _copied(kernel, len(inner), summed):
+        if not batched[owner]:
+            inner[owner] = jnp.broadcast_to(inner[owner], (*inner[owner].shape[:-1], size))
     results = lax.optimization_barrier(kernel(*inner))
     return [
         jnp.sum(r, -1) if adds else jnp.moveaxis(jnp.broadcast_to(r, (*r.shape[:-1], size)), -1, 0)
         for r, adds in zip(results, summed, strict=True)
     ]
+
+
+def _copied(kernel: Any, total: int, summed: tuple) -> set[int]:
+    """Operands of which every member of the batch needs a copy, to have a gradient of its own with respect to them."""
+    owners = kernel.owners(total) or ()
+    found = {owner for owner, adds in zip(owners, summed, strict=True) if not adds} if owners else set()
+    while not isinstance(kernel, Function):
+        inner = kernel.kernel
+        if isinstance(kernel, Transpose):
+            # What is transposed are the gradients of each member, where the kernel's results are gradients.
+            found |= set(inner.owners(kernel.count) or ())
+        kernel = inner
+    return found
 
 
 kernel_call = Primitive("kanejax_kernel")

@@ -172,3 +172,15 @@ def test_changing_a_leaf_compiles_nothing(case):
     second = dynamics(model.replace(mass=model.mass * 2.0), *(x[0] for x in state))
     assert count == 1
     assert not np.allclose(first, second)
+
+
+def test_reverse_mode_over_gradients_of_each_state(case):
+    """The regressor of each state is a gradient; its gradient in turn is one more transposition."""
+    model, q, u, u_dot = (x if isinstance(x, kj.Model) else x[:3] for x in case)
+
+    def loss(q):
+        return jnp.sum(jnp.sin(jax.vmap(kj.regressor, (None, 0, 0, 0))(model, q, u, u_dot)))
+
+    step = 1e-6 * jnp.asarray(np.random.default_rng(0).normal(size=q.shape))
+    along = float((loss(q + step) - loss(q - step)) / 2)
+    assert float(jnp.vdot(jax.jit(jax.grad(loss))(q), step)) == pytest.approx(along, rel=1e-6)
