@@ -82,9 +82,19 @@ if _typing.TYPE_CHECKING:
     from kanejax._identify.base_parameters import BaseParameters as BaseParameters, base_parameters as base_parameters
     from kanejax._identify.columns import Columns as Columns, Units as Units
     from kanejax._identify.delay import Delay as Delay, estimated_delay as estimated_delay
+    from kanejax._identify.excitation import ExcitationDesign as ExcitationDesign, excitation as excitation
+    from kanejax._identify.fourier_motion import (
+        FourierMotion as FourierMotion,
+        motion_table as motion_table,
+        write_csv as write_csv,
+    )
     from kanejax._identify.identify import identify as identify
     from kanejax._identify.log import Log as Log, Run as Run
     from kanejax._identify.motion import Motion as Motion, split as split
+    from kanejax._identify.motion_information import (
+        MotionInformation as MotionInformation,
+        motion_information as motion_information,
+    )
     from kanejax._identify.parameterization import (
         Parameterization as Parameterization,
         parameterization as parameterization,
@@ -124,7 +134,10 @@ else:
         "_identify.delay": ("Delay", "estimated_delay"),
         "_identify.log": ("Log", "Run"),
         "_identify.motion": ("Motion", "split"),
+        "_identify.excitation": ("ExcitationDesign", "excitation"),
+        "_identify.fourier_motion": ("FourierMotion", "motion_table", "write_csv"),
         "_identify.identify": ("identify",),
+        "_identify.motion_information": ("MotionInformation", "motion_information"),
         "_identify.parameterization": ("Parameterization", "parameterization"),
         "_identify.payload": ("with_payload",),
         "_identify.plant": ("Drives", "Plant", "drive_force", "signal"),

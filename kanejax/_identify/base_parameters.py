@@ -19,7 +19,7 @@ from kanejax._model.inertia import NAMES
 from kanejax._model.model import Model
 
 # Of the ten parameters of a body, those that are rather grouped into others come last.
-_ORDER = (4, 7, 8, 9, 6, 1, 2, 5, 3, 0)
+ORDER = (4, 7, 8, 9, 6, 1, 2, 5, 3, 0)
 # A column is a combination of others when less than this fraction of it is left.
 TOLERANCE = 1e-9
 # It is no more than rounding errors when it is this small beside the largest.
@@ -86,7 +86,7 @@ def base_parameters(model: Model, *, states: int | None = None, seed: int = 0) -
         The groups, with formulas. `matrix @ inertia_parameters(model).ravel()` are the base parameters' values.
     """
     names = tuple(f"{body}.{name}" for body in model.tree.body_names for name in NAMES)
-    order = [10 * body + i for body in range(model.nbody) for i in _ORDER]
+    order = [10 * body + i for body in range(model.nbody) for i in ORDER]
     with jax.enable_x64(True):
         wide = model.astype(jnp.float64)
         rows = jax.jit(jax.vmap(regressor, (None, 0, 0, 0)))(

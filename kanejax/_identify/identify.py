@@ -1,0 +1,217 @@
+"""Identification: from logs of a robot to the plant that made them, with what is known of it, in one call."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from kanejax._errors import LogError
+from kanejax._identify.compress import residuals
+from kanejax._identify.conclusions import conclusions
+from kanejax._identify.delay import estimated_delay
+from kanejax._identify.fit import Fit, fit_inverse_dynamics
+from kanejax._identify.linear_estimate import identifiable, linear_estimate
+from kanejax._identify.linearization import Samples
+from kanejax._identify.log import Log
+from kanejax._identify.motion import Motion, split
+from kanejax._identify.parameterization import Parameterization, parameterization
+from kanejax._identify.plant import Drives, Plant
+from kanejax._identify.priors import Entropic
+from kanejax._identify.processing import motions
+from kanejax._identify.result import Identification, Stage
+from kanejax._identify.samples import samples_of
+from kanejax._identify.simulation_error import fit_simulation
+from kanejax._identify.unknowns import Unknown
+from kanejax._model.model import Model
+
+INVERSE_DYNAMICS, SIMULATION = "inverse dynamics", "simulation"
+STAGES = (INVERSE_DYNAMICS, SIMULATION)
+UNKNOWNS = ("inertia", "damping", "coulomb_friction", "offset")
+# What "inertia" stands for: bodies known to a factor of some ten, which decides only about what the data say next to nothing of.
+_PRIOR = Entropic(3.0)
+
+
+class _Problem(NamedTuple):
+    """What is sought, and the runs to fit and to validate with."""
+
+    parameterization: Parameterization
+    training: tuple[Motion, ...]
+    validation: tuple[Motion, ...]
+
+
+def identify(
+    model: Model | Plant,
+    log: Log | Sequence[Motion],
+    unknowns: Sequence[Unknown | str] = UNKNOWNS,
+    *,
+    validation: Log | Sequence[Motion] | float | None = None,
+    motion_options: Mapping[str, Any] | None = None,
+    stages: Sequence[str] = (INVERSE_DYNAMICS,),
+    simulation_options: Mapping[str, Any] | None = None,
+    robust: bool = False,
+    friction_width: float | None = 1e-4,
+    starts: int = 1,
+    seed: int = 0,
+    progress: Callable[[str, Any], None] | None = None,
+    resume: Mapping[str, tuple[Stage, Float[Array, " m"]]] | None = None,
+    finished: Callable[[Stage, Float[Array, " m"]], None] | None = None,
+) -> Identification:
+    """Find the numbers of a plant from recorded motions and motor signals.
+
+    First the base parameters are estimated by linear least squares, where the signals are linear in what is sought. The stage
+    "inverse dynamics" then fits the signals that the recorded motion needs, among bodies and drives that can exist. The stage
+    "simulation" goes on from there and fits the motion that the recorded signals cause. All is computed in float64, whatever JAX's
+    settings.
+
+    Args:
+        model: the nominal model, or a plant with what is known of its drives.
+        log: of the robot, or motions that were made of one.
+        unknowns: what is sought: leaves by name, or `Unknown` for a part of one, with bounds and priors. "inertia" stands for that
+            of all moving bodies with the prior `Entropic(3.0)`.
+        validation: a log or motions to compare with that are not fitted; or the fraction of each run, at its end, to hold out.
+        motion_options: of `motions`, which filters and differentiates logs. The signals to validate with are not filtered.
+        stages: which, in order.
+        simulation_options: of the stage "simulation": such as `windows`, `control` and `substeps` of `fit_simulation`.
+        robust: let errors far out count less, by Huber's function, in the stage "inverse dynamics".
+        friction_width: where Coulomb friction is sought and its width is not: the width, relative to each joint's greatest recorded
+            speed. Inverse dynamics is no harder for friction that sets in at once. None keeps the model's widths.
+        starts: how many random starts to try; the first is the nominal plant.
+        seed: of the random starts.
+        progress: called with the name of the stage and what it has reached, after every round.
+        resume: what `finished` got of stages that ended before, by name; they are not fitted again.
+        finished: called with each stage that ends, and its theta.
+
+    Returns:
+        The plant, its parameters with what the data say of each, and the fits.
+
+    Raises:
+        LogError: log and model do not match, or there is too little data.
+        ValueError: an option has no meaning.
+        UnknownNameError: an unknown, a body or a joint is not there; the message lists what is.
+    """
+    _check(stages, starts)
+    with jax.enable_x64(True):
+        nominal = _in_double(model if isinstance(model, Plant) else Plant(model, Drives.ideal(model)))
+        problem = _problem(nominal, log, unknowns, validation, dict(motion_options or {}), friction_width)
+        found = _staged(
+            problem, nominal, stages, dict(simulation_options or {}), robust, (starts, seed), progress, dict(resume or {}), finished
+        )
+        dtype = (model.model if isinstance(model, Plant) else model).dtype
+        plants = (jax.tree.map(lambda x: x.astype(dtype), plant) for plant in (found.plant, found.nominal))
+        return dataclasses.replace(found, **dict(zip(("plant", "nominal"), plants, strict=True)))
+
+
+def _staged(
+    problem: _Problem,
+    nominal: Plant,
+    stages: Sequence[str],
+    simulation_options: dict[str, Any],
+    robust: bool,
+    random: tuple[int, int],
+    progress: Callable[[str, Any], None] | None,
+    done: dict[str, Any],
+    finished: Callable[[Stage, Float[Array, " m"]], None] | None,
+) -> Identification:
+    """Go through the stages."""
+    sought, training = problem.parameterization, problem.training
+    base = identifiable(sought)
+    theta, ended = sought.theta0, []
+    samples = samples_of(training)
+    if sought.linear:
+        linear = linear_estimate(sought, samples, base=base)
+        ended.append(Stage("linear", True, "solved", 1, float("nan"), np.asarray(linear.sigma, float)))
+    starts, seed = random
+    for stage in stages:
+        many = sought.starts(jax.random.key(seed), starts).at[0].set(theta)
+        if stage in done:
+            ended.append(done[stage][0])
+            theta = jnp.asarray(done[stage][1], theta.dtype)
+            continue
+        if stage == INVERSE_DYNAMICS:
+            fit = _fit_inverse_dynamics(sought, training, many, robust, progress)
+            theta = fit.theta
+            cost = fit.history[-1].cost if fit.history else float("nan")
+            ended.append(Stage(stage, fit.converged, fit.message, len(fit.history), cost, np.asarray(fit.sigma, float)))
+        else:
+            options = {"progress": None if progress is None else lambda it: progress(SIMULATION, it), **simulation_options}
+            found = fit_simulation(sought, training, starts=many, **options)
+            theta = found.theta
+            ended.append(Stage(stage, found.converged, found.message, found.iterations, found.cost, found.rms["q"]))
+        if finished is not None:
+            finished(ended[-1], theta)
+    return conclusions(nominal, sought, theta, base, training, problem.validation, ended)
+
+
+def _check(stages: Sequence[str], starts: int) -> None:
+    if not stages or list(stages) != [stage for stage in STAGES if stage in stages]:
+        raise ValueError(f"stages is {tuple(stages)!r}; give one or both of {STAGES}, in this order")
+    if starts < 1:
+        raise ValueError(f"starts is {starts}; give 1 or more")
+
+
+def _in_double[T](tree: T) -> T:
+    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float64), tree)
+
+
+def _problem(
+    nominal: Plant,
+    log: Log | Sequence[Motion],
+    unknowns: Sequence[Unknown | str],
+    validation: Log | Sequence[Motion] | float | None,
+    options: dict[str, Any],
+    friction_width: float | None,
+) -> _Problem:
+    training = motions(log, nominal.model, **options) if isinstance(log, Log) else _in_double(tuple(log))
+    if not training:
+        raise LogError("there is no motion to fit; give a log, or at least one motion")
+    if isinstance(validation, int | float):
+        training, held_out = split(training, validation)
+    elif isinstance(validation, Log):
+        unfiltered: dict[str, Any] = {**options, "effort_cutoff": None}
+        held_out = motions(validation, nominal.model, **unfiltered)
+    else:
+        held_out = _in_double(() if validation is None else tuple(validation))
+    specified = [Unknown("inertia", prior=_PRIOR) if unknown == "inertia" else unknown for unknown in unknowns]
+    leaves = {unknown if isinstance(unknown, str) else unknown.leaf for unknown in specified}
+    plant = nominal
+    if friction_width is not None and "coulomb_friction" in leaves and "friction_width" not in leaves:
+        greatest = jnp.max(jnp.stack([jnp.max(jnp.abs(motion.u), 0) for motion in training]), 0)
+        width = jnp.where(greatest > 0, friction_width * greatest, plant.model.friction_width)
+        plant = eqx.tree_at(lambda p: p.model, plant, plant.model.replace(friction_width=width))
+    if "delay" in leaves:
+        plant = eqx.tree_at(lambda p: p.drives, plant, plant.drives.replace(delay=_delay(plant, specified, training)))
+    return _Problem(parameterization(plant, specified), training, held_out)
+
+
+def _delay(plant: Plant, unknowns: Sequence[Unknown | str], training: Sequence[Motion]) -> float:
+    """Delay to start from: that of the signals against those of the best fit without one."""
+    others = [unknown for unknown in unknowns if unknown not in ("delay",) and getattr(unknown, "leaf", "") != "delay"]
+    sought = parameterization(plant, others or ["offset"])
+    samples = samples_of(training)
+    phi = linear_estimate(sought, samples).phi if sought.linear else sought.phi0
+    longest = max(training, key=len)
+    predicted = longest.effort - residuals(sought, phi, samples_of([longest]))
+    return estimated_delay(longest, np.asarray(predicted, float)).common
+
+
+def _fit_inverse_dynamics(
+    sought: Parameterization,
+    training: Sequence[Motion],
+    starts: Float[Array, "starts m"],
+    robust: bool,
+    progress: Callable[[str, Any], None] | None,
+) -> Fit:
+    def samples_at(delay: Float[Array, ""]) -> Samples:
+        return samples_of(training, delay)
+
+    tell = None if progress is None else lambda step: progress(INVERSE_DYNAMICS, step)
+    delay = sought.given.drives.delay
+    samples = samples_at(delay) if "delay" in sought.names else samples_of(training, delay if float(delay) else None)
+    return fit_inverse_dynamics(
+        sought, samples._replace(rates=None), starts=starts, robust=robust, samples_at=samples_at, progress=tell
+    )

@@ -1,0 +1,130 @@
+"""What an identification found, and how sure it is."""
+
+import dataclasses
+from typing import Literal, NamedTuple, final
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from kanejax._identify.information import Spectrum
+from kanejax._identify.parameterization import Parameterization
+from kanejax._identify.plant import Drives, Plant
+from kanejax._model.model import Model
+
+Determined = Literal["alone", "in combination", "not at all"]
+
+
+class Estimate(NamedTuple):
+    """One parameter: nominal and found value, standard deviation, and the ends of its 95 % interval.
+
+    The last three are nan unless the data determine it alone: what they determine of the others is a base parameter.
+    """
+
+    name: str
+    unit: str
+    nominal: float
+    value: float
+    std: float
+    lower: float
+    upper: float
+    determined: Determined
+
+
+class BaseEstimates(NamedTuple):
+    """Combinations of parameters that motion can tell apart, see `base_parameters`."""
+
+    formulas: tuple[str, ...]
+    nominal: Float[np.ndarray, " nbase"]
+    value: Float[np.ndarray, " nbase"]
+    std: Float[np.ndarray, " nbase"]
+    correlation: Float[np.ndarray, "nbase nbase"]
+    condition_number: float
+
+
+class Stage(NamedTuple):
+    """One stage of the identification: how it ended, its cost, and the root mean square of each signal's residuals."""
+
+    name: str
+    converged: bool
+    message: str
+    iterations: int
+    cost: float
+    rms: Float[np.ndarray, " nv"]
+
+
+class Comparison(NamedTuple):
+    """Measured signals of one run beside those that the identified and the nominal plant predict; weight 0 does not count."""
+
+    name: str
+    ts: Float[np.ndarray, " n"]
+    measured: Float[np.ndarray, "n nv"]
+    predicted: Float[np.ndarray, "n nv"]
+    nominal: Float[np.ndarray, "n nv"]
+    weight: Float[np.ndarray, "n nv"]
+
+
+@final
+@dataclasses.dataclass(frozen=True, eq=False)
+class Identification:
+    """What `identify` returns.
+
+    Attributes:
+        plant: the identified plant.
+        nominal: the plant that the identification started from.
+        parameterization: what was sought.
+        phi: values of all parameters, in the order of `estimates`.
+        estimates: each parameter, with what the data say about it.
+        base: the combinations that the data can tell apart.
+        sentences: what the data do not determine, and what else one should know before trusting the numbers.
+        stages: how each stage ended.
+        training: measured and predicted signals of the runs that were fitted.
+        validation: the same of runs that were held out.
+        noise: power spectral density of the training residuals.
+        consistency: smallest eigenvalue of each body's pseudo-inertia over its trace: positive for what a rigid body can have.
+    """
+
+    plant: Plant
+    nominal: Plant
+    parameterization: Parameterization
+    phi: Float[Array, " n"]
+    estimates: tuple[Estimate, ...]
+    base: BaseEstimates
+    sentences: tuple[str, ...]
+    stages: tuple[Stage, ...]
+    training: tuple[Comparison, ...]
+    validation: tuple[Comparison, ...]
+    noise: Spectrum
+    consistency: Float[np.ndarray, " nbody"]
+
+    @property
+    def model(self) -> Model:
+        """The identified model."""
+        return self.plant.model
+
+    @property
+    def drives(self) -> Drives:
+        """The identified drives."""
+        return self.plant.drives
+
+    @property
+    def converged(self) -> bool:
+        """Whether every stage converged."""
+        return all(stage.converged for stage in self.stages)
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of a parameter, by name."""
+        from kanejax._errors import UnknownNameError
+
+        for estimate in self.estimates:
+            if estimate.name == name:
+                return estimate
+        raise UnknownNameError("identified parameter", name, (estimate.name for estimate in self.estimates))
+
+
+def relative_error(comparison: Comparison, predicted: Float[np.ndarray, "n nv"] | None = None) -> Float[np.ndarray, " nv"]:
+    """Norm of the residuals over the norm of the measured signal, for each signal; nan for signals that do not count."""
+    predicted = comparison.predicted if predicted is None else predicted
+    counts = comparison.weight > 0
+    left = np.linalg.norm(np.where(counts, comparison.measured - predicted, 0.0), axis=0)
+    size = np.linalg.norm(np.where(counts, comparison.measured, 0.0), axis=0)
+    return np.where(size > 0, left / np.where(size > 0, size, 1.0), np.nan)

@@ -1,0 +1,79 @@
+"""What one should know before trusting identified numbers, in words."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from kanejax._identify.base_parameters import BaseParameters
+from kanejax._identify.result import BaseEstimates, Determined, Stage
+
+# Residuals this small beside the signals are rounding errors.
+_PERFECT = 1e-6
+# A body whose pseudo-inertia has an eigenvalue this small beside its trace is hardly one that can exist.
+_EDGE = 1e-7
+_SHOWN = 12
+
+
+def determined(base: BaseParameters, index: int) -> Determined:
+    """Whether the data can determine a parameter alone."""
+    if base.alone(index) is not None:
+        return "alone"
+    return "in combination" if base.group(index) else "not at all"
+
+
+def sentences(
+    base: BaseParameters,
+    estimates: BaseEstimates,
+    weak: Sequence[dict[int, float]],
+    stages: Sequence[Stage],
+    relative_rms: float,
+    consistency: np.ndarray,
+    body_names: Sequence[str],
+) -> tuple[str, ...]:
+    """Sentences on an identification.
+
+    Args:
+        base: what motion can tell apart.
+        estimates: of the base parameters.
+        weak: combinations of them that the data hardly excite.
+        stages: how they ended.
+        relative_rms: of the residuals beside the signals.
+        consistency: smallest eigenvalue of each body's pseudo-inertia over its trace.
+        body_names: names of the bodies.
+    """
+    said = [f"The stage {stage.name!r} did not converge: {stage.message}." for stage in stages if not stage.converged]
+    kinds = [determined(base, i) for i in range(len(base.names))]
+    together = [name for name, kind in zip(base.names, kinds, strict=True) if kind == "in combination"]
+    nothing = [name for name, kind in zip(base.names, kinds, strict=True) if kind == "not at all"]
+    if relative_rms < _PERFECT and (together or nothing or weak):
+        said.append(
+            f"The fit is perfect, and yet {len(together) + len(nothing)} of {len(base.names)} parameters are not determined by "
+            "it: any others with the same base parameters fit as well. Their values come from the nominal model and the priors."
+        )
+    for formula, own, row in zip(base.formulas, base.independent, base.matrix, strict=True):
+        others = [base.names[i] for i in np.flatnonzero(row) if i != own]
+        if others:
+            verb = "enters" if len(others) == 1 else "enter"
+            said.append(f"{_listed(others)} {verb} only together with {base.names[own]}: the data determine the sum {formula}.")
+    if nothing:
+        said.append(f"No signal depends on {_listed(nothing)}.")
+    for shares in weak:
+        named = " and ".join(f"({share:+.2g}) {estimates.formulas[i]}" for i, share in list(shares.items())[:_SHOWN])
+        said.append(f"The data do not excite {named}: its value comes from the nominal model and the priors.")
+    zero = [
+        formula
+        for formula, value, std in zip(estimates.formulas, estimates.value, estimates.std, strict=True)
+        if np.isfinite(std) and abs(value) < 1.96 * std
+    ]
+    if zero:
+        said.append(f"{len(zero)} of {len(base)} base parameters cannot be told from zero: {_listed(zero)}.")
+    for name, eigenvalue in zip(body_names, consistency, strict=True):
+        if 0 < eigenvalue < _EDGE:
+            said.append(f"Body {name!r} is at the edge of what a rigid body can be: the data ask for less inertia than any has.")
+    return tuple(said)
+
+
+def _listed(names: Iterable[str]) -> str:
+    names = list(names)
+    shown = ", ".join(names[:_SHOWN])
+    return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"

@@ -1,0 +1,200 @@
+"""Identification in one call: what it finds, what it says of it, and what it refuses."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.robot_logs import OFFSETS, arm, efforts, motion_of_arm, recorded_arm
+
+import kanejax as kj
+
+
+def nominal() -> kj.Model:
+    model = arm()
+    return model.replace(mass=model.mass * jnp.array([1.3, 0.7, 1.2]), damping=jnp.full(3, 0.1), coulomb_friction=jnp.full(3, 0.1))
+
+
+def same_forces(model, expected, tolerance):
+    """At random states, but for the friction that both have at rest."""
+    state = [jnp.asarray(x) for x in np.random.default_rng(3).normal(size=(3, 3))]
+    value, right = (kj.inverse_dynamics(m, *state) for m in (model, expected))
+    assert float(jnp.abs(value - right).max()) < tolerance * float(jnp.abs(right).max())
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return kj.identify(nominal(), [recorded_arm()], friction_width=None, validation=0.25)
+
+
+def test_exact_data_give_the_plant_back(exact):
+    assert exact.converged
+    same_forces(exact.model, arm(), 1e-7)
+    np.testing.assert_allclose(exact.drives.offset, OFFSETS, atol=1e-8)
+    assert exact["elbow.damping"].value == pytest.approx(0.3, abs=1e-8)
+    assert exact.consistency.min() > 0
+    for run in (*exact.training, *exact.validation):
+        assert np.all(kj.relative_error(run) < 1e-8)
+        assert np.all(kj.relative_error(run, run.nominal) > 1e-2)
+
+
+def test_a_perfect_fit_says_what_it_does_not_determine(exact):
+    """The masses are wrong by up to 30 % and the fit is perfect: nobody must trust them."""
+    said = "\n".join(exact.sentences)
+    assert "The fit is perfect, and yet" in said
+    assert exact["fore.m"].determined == "in combination"
+    assert np.isnan(exact["fore.m"].std)
+    assert "fore.m" in said
+    assert "enter only together with" in said
+    assert "No signal depends on base_link.m" in said
+    assert exact["fore.mcx"].determined == "alone"
+
+
+def test_every_sum_that_is_said_to_be_determined_is(exact):
+    truth = dict(zip(exact.parameterization.names, np.asarray(exact.phi), strict=True))
+    names = [
+        f"{body}.{name}"
+        for body in arm().tree.body_names
+        for name in ("m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+    ]
+    truth |= dict(zip(names, np.asarray(kj.inertia_parameters(arm())).ravel(), strict=True))
+    truth |= {f"{joint}.offset": x for joint, x in zip(arm().tree.joint_names, OFFSETS, strict=True)}
+    truth |= {f"{j}.damping": float(x) for j, x in zip(arm().tree.joint_names, arm().damping, strict=True)}
+    truth |= {f"{j}.coulomb_friction": float(x) for j, x in zip(arm().tree.joint_names, arm().coulomb_friction, strict=True)}
+    for formula, value in zip(exact.base.formulas, exact.base.value, strict=True):
+        words = formula.replace("- ", "-").replace("+ ", "+").split()
+        total, factor = 0.0, 1.0
+        for word in words:
+            sign = -1.0 if word.startswith("-") else 1.0
+            bare = word.lstrip("+-")
+            if bare in truth:
+                total += (sign if word[0] in "+-" else 1.0) * factor * truth[bare] if factor == 1.0 else factor * truth[bare]
+                factor = 1.0
+            else:
+                factor = sign * float(bare)
+        # Formulas show four digits.
+        assert value == pytest.approx(total, abs=3e-4)
+
+
+def test_intervals_and_errors_of_noisy_data():
+    found = kj.identify(nominal(), [recorded_arm(0.05)], friction_width=None, validation=[recorded_arm(0.0, seed=1)])
+    alone = [e for e in found.estimates if e.determined == "alone"]
+    assert len(alone) > 10
+    assert all(e.lower < e.value < e.upper and e.std > 0 for e in alone)
+    assert found["elbow.damping"].lower < 0.3 < found["elbow.damping"].upper
+    np.testing.assert_allclose(kj.relative_error(found.training[0]), 0.05, rtol=0.1)
+    assert np.all(kj.relative_error(found.validation[0]) < 0.02)
+    np.testing.assert_allclose(np.diag(found.base.correlation), 1.0)
+
+
+def test_from_a_log_of_positions_alone():
+    """Speeds and accelerations by filtering and central differences; positions and torques with noise."""
+    ts, q, u, u_dot = motion_of_arm(200.0, 12.0)
+    rng, torque = np.random.default_rng(0), efforts(arm(), q, u, u_dot)
+    log = kj.Log(
+        arm().tree.joint_names, kj.Run("noisy", ts, q + 1e-4 * rng.normal(size=q.shape), torque + 0.1 * rng.normal(size=q.shape))
+    )
+    found = kj.identify(nominal(), log, friction_width=None, motion_options={"cutoff": 8.0}, validation=log)
+    assert found.converged
+    errors = np.abs(found.base.value - _base_values(found))
+    assert np.mean(errors < 2.5 * found.base.std) > 0.9
+    assert any("low-passed at 8 Hz" in sentence for sentence in found.sentences)
+
+
+def _base_values(found):
+    truth = np.asarray(found.phi).copy()
+    truth[: 10 * arm().nbody] = np.asarray(kj.inertia_parameters(arm())).ravel()
+    truth[10 * arm().nbody :] = np.concatenate((arm().damping, arm().coulomb_friction, OFFSETS))
+    from kanejax._identify.linear_estimate import identifiable
+
+    return identifiable(found.parameterization).matrix @ truth
+
+
+def test_a_delay_is_found():
+    ts, q, u, u_dot = motion_of_arm(200.0)
+    late = motion_of_arm(200.0)
+    shift = 0.0123
+    exact = recorded_arm(rate=200.0)
+    torque = np.stack([np.interp(ts - shift, late[0], column) for column in np.asarray(exact.effort).T], -1)
+    motion = kj.Motion(ts, q, u, u_dot, torque)
+    found = kj.identify(
+        nominal(), [motion[20:]], ("inertia", "damping", "coulomb_friction", "offset", "delay"), friction_width=None
+    )
+    assert found["delay"].value == pytest.approx(shift, abs=1e-4)
+    assert found.converged
+
+
+def test_a_payload_is_found_with_the_arm_known():
+    truth = kj.with_payload(arm(), "fore", name="payload")
+    row = truth.tree.body("payload")
+    loaded = truth.replace(
+        mass=truth.mass.at[row].set(0.8),
+        com=truth.com.at[row].set(jnp.array([0.3, 0.0, 0.05])),
+        central_inertia=truth.central_inertia.at[row].set(jnp.diag(jnp.array([1e-3, 2e-3, 2e-3]))),
+    )
+    ts, q, u, u_dot = motion_of_arm()
+    motion = kj.Motion(ts, q, u, u_dot, efforts(loaded, q, u, u_dot))
+    plant = kj.Plant(truth, kj.Drives.ideal(truth).replace(offset=OFFSETS))
+    unknown = kj.Unknown("inertia", "payload", scale=(1.0, 0.1), prior=kj.Entropic(10.0))
+    found = kj.identify(plant, [motion], [unknown], friction_width=None)
+    same_forces(found.model, loaded, 1e-6)
+
+
+def test_stages_that_were_finished_are_not_fitted_again():
+    motion, seen, told = recorded_arm(0.02), {}, []
+    first = kj.identify(
+        nominal(),
+        [motion],
+        friction_width=None,
+        finished=lambda stage, theta: seen.update({stage.name: (stage, theta)}),
+        progress=lambda stage, _: told.append(stage),
+    )
+    assert list(seen) == ["inverse dynamics"]
+    assert set(told) == {"inverse dynamics"}
+    told.clear()
+    again = kj.identify(nominal(), [motion], friction_width=None, resume=seen, progress=lambda stage, _: told.append(stage))
+    assert not told
+    np.testing.assert_allclose(again.phi, first.phi)
+
+
+def test_simulation_goes_on_from_inverse_dynamics():
+    motion = recorded_arm(rate=100.0, duration=2.0)
+    found = kj.identify(
+        nominal(),
+        [motion],
+        ("mass",),
+        friction_width=None,
+        stages=("inverse dynamics", "simulation"),
+        simulation_options={"windows": (0.5,)},
+    )
+    assert [stage.name for stage in found.stages] == ["linear", "inverse dynamics", "simulation"]
+
+
+def test_single_precision_models_are_identified_in_double():
+    model, motion = nominal().astype(jnp.float32), recorded_arm()
+    with jax.enable_x64(False):
+        found = kj.identify(model, [motion], friction_width=None)
+    assert found.model.dtype == jnp.float32
+    same_forces(found.model.astype(jnp.float64), arm(), 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"stages": ("simulation", "inverse dynamics")}, "in this order"),
+        ({"stages": ()}, "give one or both of"),
+        ({"starts": 0}, "starts is 0; give 1 or more"),
+    ],
+)
+def test_options_that_mean_nothing(options, message):
+    with pytest.raises(ValueError, match=message):
+        kj.identify(nominal(), [recorded_arm()], **options)
+
+
+def test_nothing_to_fit():
+    with pytest.raises(kj.LogError, match="there is no motion to fit"):
+        kj.identify(nominal(), [])
+
+
+def test_unknown_parameters_are_listed(exact):
+    with pytest.raises(kj.UnknownNameError, match=r"no identified parameter is named 'mass'; the names are: 'base_link.m'"):
+        exact["mass"]
