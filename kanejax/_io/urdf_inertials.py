@@ -79,20 +79,20 @@ def _links(data: bytes) -> dict[str, _Link]:
     def start(tag: str, attributes: dict[str, str]) -> None:
         begin = parser.CurrentByteIndex
         if [element for element, _ in path] == ["robot"] and tag == "link":
-            links[attributes.get("name", "")] = _Link(begin, _tag_end(data, begin), [])
+            links[attributes.get("name", "")] = _Link(begin, tag_end(data, begin), [])
         path.append((tag, begin))
 
     def end(tag: str) -> None:
         begin = path.pop()[1]
         if tag == "inertial" and [element for element, _ in path] == ["robot", "link"]:
-            next(reversed(links.values())).inertials.append((begin, _tag_end(data, parser.CurrentByteIndex)))
+            next(reversed(links.values())).inertials.append((begin, tag_end(data, parser.CurrentByteIndex)))
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.Parse(data, True)
     return links
 
 
-def _tag_end(data: bytes, begin: int) -> int:
+def tag_end(data: bytes, begin: int) -> int:
     """Where the tag that begins at `begin` ends; a '>' between quotes does not end it."""
     match = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""").match(data, begin)
     assert match is not None, "the text is well-formed XML"

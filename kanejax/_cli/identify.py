@@ -1,0 +1,211 @@
+"""The command `kanejax identify`."""
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.text import Text
+
+from kanejax._cli.terminal import (
+    BAD_INPUT,
+    FAILED,
+    Json,
+    Repair,
+    Robot,
+    Strict,
+    Unphysical,
+    complain,
+    console,
+    one_line_errors,
+    spinner,
+    use_compilation_cache,
+)
+
+if TYPE_CHECKING:
+    from kanejax._cli.inputs import Inputs
+    from kanejax._identify.result import Identification, Stage
+
+# Sentences that are printed, and how much of each; the files have all of them.
+_SENTENCES, _LONGEST = 6, 280
+
+
+def _print_example(wanted: bool) -> bool:
+    if wanted:
+        import kanejax
+
+        print((Path(kanejax.__file__).parent / "_identify" / "configuration_example.toml").read_text(encoding="utf-8"), end="")
+        raise typer.Exit
+    return wanted
+
+
+def identify(
+    robot: Robot,
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="Recordings: CSV, NPZ, Parquet or MCAP.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option(help="The folder to write to.", show_default=False)],
+    config: Annotated[
+        Path | None,
+        typer.Option(help="TOML file with columns, filters, and what is sought; see --example-config.", show_default=False),
+    ] = None,
+    validation: Annotated[
+        list[Path] | None, typer.Option(help="A recording to hold out; may be given several times.", show_default=False)
+    ] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Repeat stages that the folder has kept.")] = False,
+    repair: Repair = False,
+    strict: Strict = True,
+    allow_unphysical: Unphysical = False,
+    as_json: Json = False,
+    example_config: Annotated[
+        bool, typer.Option("--example-config", callback=_print_example, is_eager=True, help="Print a configuration, and exit.")
+    ] = False,
+) -> None:
+    """Find inertias, friction and other parameters of a robot from recordings of its motion.
+
+    Writes report.html, identification.json, identified.urdf (inertias, damping and friction; for a URDF), identified.xml (MJCF),
+    predictions.npz and run.log. Stages that ended are kept in the folder: after an interruption the same command goes on from
+    there.
+
+    Examples: `kanejax identify arm.urdf log.csv --out result`,
+    `kanejax identify arm.urdf a.csv b.csv --validation c.csv --config id.toml --out result`,
+    `kanejax identify --example-config > id.toml`
+    """
+    with one_line_errors():
+        import jax
+
+        from kanejax._cli.inputs import read_inputs
+        from kanejax._cli.results import LOG_NAME
+
+        use_compilation_cache()
+        with jax.enable_x64(True):
+            begun, held_out = time.perf_counter(), validation or []
+            with spinner("reading"):
+                inputs = read_inputs(robot, logs, held_out, config, repair=repair, strict=strict, allow_unphysical=allow_unphysical)
+            _check_packages(inputs)
+            out.mkdir(parents=True, exist_ok=True)
+            say = _logbook(out / LOG_NAME)
+            files = {"Robot": robot, "Logs": _listed(logs), "Held-out logs": _listed(held_out), "Configuration": str(config or "")}
+            files = {kind: listed for kind, listed in files.items() if listed}
+            for line in (*(f"{kind}: {listed}" for kind, listed in files.items()), *inputs.notes):
+                say(line)
+            found = _identified(out, inputs, say, fresh=fresh, shown=not as_json and sys.stderr.isatty())
+            sound = _reported(out, inputs, found, files, say, seconds=time.perf_counter() - begun, as_json=as_json)
+    if not sound:
+        raise typer.Exit(FAILED)
+
+
+def _identified(out: Path, inputs: "Inputs", say: Callable[[str], None], *, fresh: bool, shown: bool) -> "Identification":
+    """Run the stages that are not kept."""
+    import jax.numpy as jnp
+
+    from kanejax._cli.kept import KeptStages
+    from kanejax._cli.results import STATE_NAME
+    from kanejax._cli.stages import StageTable
+    from kanejax._identify import identify as module
+
+    kept = KeptStages(out / STATE_NAME, inputs.fingerprint, inputs.stages, fresh=fresh)
+    if kept.stale:
+        complain(f"{out / STATE_NAME} belongs to other inputs and is not used", "warning: ")
+    resumed = kept.resumable
+    for stage in resumed:
+        say(f"{stage}: kept from before")
+
+    def finished(stage: "Stage", theta: Any) -> None:
+        # The next run may give a stage that did not converge more rounds.
+        if stage.converged:
+            kept.keep(stage, theta)
+        table.ended(stage.name)
+
+    with StageTable(inputs.stages, tuple(resumed), say, shown=shown) as table:
+        try:
+            return module.identify(
+                inputs.plant,
+                inputs.training,
+                inputs.unknowns,
+                validation=inputs.validation,
+                progress=table.round,
+                resume={name: (stage, jnp.asarray(theta)) for name, (stage, theta) in resumed.items()},
+                finished=finished,
+                **inputs.options,
+            )
+        except KeyboardInterrupt:
+            ended = ", ".join(kept.resumable) or "none"
+            say(f"interrupted; stages that ended: {ended}")
+            complain(f"{out}: stages that ended are kept ({ended}); the same command goes on from there", "")
+            raise
+
+
+def _reported(
+    out: Path,
+    inputs: "Inputs",
+    found: "Identification",
+    files: dict[str, str],
+    say: Callable[[str], None],
+    *,
+    seconds: float,
+    as_json: bool,
+) -> bool:
+    """Write and print what was found; whether it converged and is consistent."""
+    from kanejax._cli.results import error_table, write_results
+    from kanejax._identify.record import identification_record
+    from kanejax._identify.report.verdict import inconsistent_bodies, sentences_on_fit, verdict
+
+    details = {"inputs": files, "options": {**inputs.options, "stages": inputs.stages}, "fingerprint": inputs.fingerprint}
+    record = identification_record(found, {**details, "seconds": seconds, "notes": inputs.notes})
+    with spinner("writing"):
+        written, problems = write_results(out, inputs, found, record, files)
+    findings, sentences = verdict(found), sentences_on_fit(found, inputs.notes)
+    for sentence in (*(finding.text for finding in findings), *sentences, *problems):
+        say(sentence)
+    if as_json:
+        print(json.dumps(record, indent=1, allow_nan=False))
+    else:
+        _print_findings(error_table(found), findings, sentences, written)
+    for problem in problems:
+        complain(problem, "warning: ")
+    return found.converged and not inconsistent_bodies(found)
+
+
+def _check_packages(inputs: "Inputs") -> None:
+    """Refuse, before anything is computed, to write a report without the packages for it."""
+    from kanejax._identify.report.svg import report_package
+
+    if not inputs.output.get("report", True):
+        return
+    try:
+        for package in ("jinja2", "matplotlib"):
+            report_package(package)
+    except ImportError as error:
+        complain(f"{error}; or say report = false in [output] of the configuration")
+        raise typer.Exit(BAD_INPUT) from error
+
+
+def _listed(paths: list[Path]) -> str:
+    return ", ".join(map(str, paths))
+
+
+def _logbook(path: Path) -> Callable[[str], None]:
+    """Write lines with the time to a file, after those of earlier runs."""
+
+    def say(sentence: str) -> None:
+        with path.open("a", encoding="utf-8") as file:
+            print(time.strftime("%Y-%m-%d %H:%M:%S"), " ".join(sentence.split()), file=file)
+
+    return say
+
+
+def _print_findings(table: Any, findings: Any, sentences: list[str], written: list[Path]) -> None:
+    console().print(table)
+    for finding in findings:
+        mark, color = {"good": ("ok", "green"), "bad": ("BAD", "bold red"), "note": ("note", "yellow")}[finding.kind]
+        console().print(Text.assemble((f"{mark}: ", color), finding.text), soft_wrap=True)
+    for sentence in sentences[:_SENTENCES]:
+        shown = sentence if len(sentence) <= _LONGEST else sentence[: _LONGEST - 4] + " ..."
+        console().print(Text.assemble(("note: ", "yellow"), shown), soft_wrap=True)
+    if len(sentences) > _SENTENCES:
+        console().print(Text(f"{len(sentences) - _SENTENCES} more notes are in the files"))
+    console().print(Text("written: " + ", ".join(map(str, written))), soft_wrap=True)
