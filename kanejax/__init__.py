@@ -89,6 +89,11 @@ if _typing.TYPE_CHECKING:
         write_csv as write_csv,
     )
     from kanejax._identify.identify import identify as identify
+    from kanejax._identify.linear_estimate import (
+        LinearEstimate as LinearEstimate,
+        identifiable as identifiable,
+        linear_estimate as linear_estimate,
+    )
     from kanejax._identify.log import Log as Log, Run as Run
     from kanejax._identify.motion import Motion as Motion, split as split
     from kanejax._identify.motion_information import (
@@ -104,6 +109,7 @@ if _typing.TYPE_CHECKING:
     from kanejax._identify.priors import Entropic as Entropic, Gaussian as Gaussian, Geodesic as Geodesic
     from kanejax._identify.processing import motions as motions
     from kanejax._identify.read_log import read_log as read_log
+    from kanejax._identify.report.page import write_report as write_report
     from kanejax._identify.result import (
         Comparison as Comparison,
         Estimate as Estimate,
@@ -132,6 +138,7 @@ else:
         "_identify.base_parameters": ("BaseParameters", "base_parameters"),
         "_identify.columns": ("Columns", "Units"),
         "_identify.delay": ("Delay", "estimated_delay"),
+        "_identify.linear_estimate": ("LinearEstimate", "identifiable", "linear_estimate"),
         "_identify.log": ("Log", "Run"),
         "_identify.motion": ("Motion", "split"),
         "_identify.excitation": ("ExcitationDesign", "excitation"),
@@ -144,6 +151,7 @@ else:
         "_identify.priors": ("Entropic", "Gaussian", "Geodesic"),
         "_identify.processing": ("motions",),
         "_identify.read_log": ("read_log",),
+        "_identify.report.page": ("write_report",),
         "_identify.result": ("Comparison", "Estimate", "Identification", "relative_error"),
         "_identify.unknowns": ("Unknown",),
         "_io.export": ("to_mjcf", "to_mujoco"),

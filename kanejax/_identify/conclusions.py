@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from kanejax._identify.base_parameters import BaseParameters
 from kanejax._identify.compress import residuals
-from kanejax._identify.information import Information, information
+from kanejax._identify.information import Information, information, inverted
 from kanejax._identify.linear_estimate import signal_sizes
 from kanejax._identify.motion import Motion
 from kanejax._identify.parameterization import Parameterization
@@ -31,11 +31,15 @@ def conclusions(
     training: Sequence[Motion],
     validation: Sequence[Motion],
     stages: Sequence[Stage],
+    factor: Float[np.ndarray, "n1 n1"] | None = None,
 ) -> Identification:
-    """Draw the conclusions from the `theta` that was found."""
+    """Draw the conclusions from the `theta` that was found; `factor` is that of the simulation, where this was fitted."""
     phi, plant = sought.phi(theta), sought.plant(theta)
     fits = tuple(_comparison(sought, phi, motion) for motion in training)
     said = _information(sought, phi, base, training, fits)
+    if factor is not None:
+        inverse, condition, weak = inverted(factor[:, base.independent].T @ factor[:, base.independent])
+        said = said._replace(covariance=inverse, white=inverse, condition_number=condition, weak=weak)
     bases = _base_estimates(sought, phi, base, said)
     edge = np.asarray(consistency(inertia_parameters(plant.model)), float)
     errors = np.concatenate([(fit.measured - fit.predicted) * (fit.weight > 0) for fit in fits])

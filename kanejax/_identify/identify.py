@@ -26,6 +26,7 @@ from kanejax._identify.processing import motions
 from kanejax._identify.result import Identification, Stage
 from kanejax._identify.samples import samples_of
 from kanejax._identify.simulation_error import fit_simulation
+from kanejax._identify.simulation_fit import SimulationFit
 from kanejax._identify.unknowns import Unknown
 from kanejax._model.model import Model
 
@@ -44,6 +45,20 @@ class _Problem(NamedTuple):
     validation: tuple[Motion, ...]
 
 
+class _Course(NamedTuple):
+    """How to fit: options of `identify` by the same names."""
+
+    stages: Sequence[str]
+    simulation_options: dict[str, Any]
+    robust: bool
+    anneal: tuple[float, ...]
+    starts: int
+    seed: int
+    progress: Callable[[str, Any], None] | None
+    resume: dict[str, Any]
+    finished: Callable[[Stage, Float[Array, " m"]], None] | None
+
+
 def identify(
     model: Model | Plant,
     log: Log | Sequence[Motion],
@@ -55,6 +70,7 @@ def identify(
     simulation_options: Mapping[str, Any] | None = None,
     robust: bool = False,
     friction_width: float | None = 1e-4,
+    anneal: Sequence[float] = (),
     starts: int = 1,
     seed: int = 0,
     progress: Callable[[str, Any], None] | None = None,
@@ -78,8 +94,11 @@ def identify(
         stages: which, in order.
         simulation_options: of the stage "simulation": such as `windows`, `control` and `substeps` of `fit_simulation`.
         robust: let errors far out count less, by Huber's function, in the stage "inverse dynamics".
-        friction_width: where Coulomb friction is sought and its width is not: the width, relative to each joint's greatest recorded
-            speed. Inverse dynamics is no harder for friction that sets in at once. None keeps the model's widths.
+        friction_width: where Coulomb friction is sought and its width is not: the width in the stage "inverse dynamics", relative
+            to each joint's greatest recorded speed. Inverse dynamics is no harder for friction that sets in at once, but a
+            simulation is: it takes the model's widths, and so does the first stage with None.
+        anneal: factors on the widths of friction that the stage "simulation" goes through before it takes them as they are, such
+            as (10.0, 3.0): friction that sets in gently has gradients also from afar.
         starts: how many random starts to try; the first is the nominal plant.
         seed: of the random starts.
         progress: called with the name of the stage and what it has reached, after every round.
@@ -94,29 +113,20 @@ def identify(
         ValueError: an option has no meaning.
         UnknownNameError: an unknown, a body or a joint is not there; the message lists what is.
     """
-    _check(stages, starts)
+    _check(stages, starts, anneal)
     with jax.enable_x64(True):
         nominal = _in_double(model if isinstance(model, Plant) else Plant(model, Drives.ideal(model)))
         problem = _problem(nominal, log, unknowns, validation, dict(motion_options or {}), friction_width)
-        found = _staged(
-            problem, nominal, stages, dict(simulation_options or {}), robust, (starts, seed), progress, dict(resume or {}), finished
+        course = _Course(
+            stages, dict(simulation_options or {}), robust, tuple(anneal), starts, seed, progress, dict(resume or {}), finished
         )
+        found = _staged(problem, nominal, course)
         dtype = (model.model if isinstance(model, Plant) else model).dtype
         plants = (jax.tree.map(lambda x: x.astype(dtype), plant) for plant in (found.plant, found.nominal))
         return dataclasses.replace(found, **dict(zip(("plant", "nominal"), plants, strict=True)))
 
 
-def _staged(
-    problem: _Problem,
-    nominal: Plant,
-    stages: Sequence[str],
-    simulation_options: dict[str, Any],
-    robust: bool,
-    random: tuple[int, int],
-    progress: Callable[[str, Any], None] | None,
-    done: dict[str, Any],
-    finished: Callable[[Stage, Float[Array, " m"]], None] | None,
-) -> Identification:
+def _staged(problem: _Problem, nominal: Plant, course: _Course) -> Identification:
     """Go through the stages."""
     sought, training = problem.parameterization, problem.training
     base = identifiable(sought)
@@ -125,31 +135,47 @@ def _staged(
     if sought.linear:
         linear = linear_estimate(sought, samples, base=base)
         ended.append(Stage("linear", True, "solved", 1, float("nan"), np.asarray(linear.sigma, float)))
-    starts, seed = random
-    for stage in stages:
-        many = sought.starts(jax.random.key(seed), starts).at[0].set(theta)
-        if stage in done:
-            ended.append(done[stage][0])
-            theta = jnp.asarray(done[stage][1], theta.dtype)
+    factor = None
+    for stage in course.stages:
+        if stage == SIMULATION and "friction_width" not in {unknown.leaf for unknown in sought.unknowns}:
+            sought = _with_widths(sought, nominal.model.friction_width)
+        if stage in course.resume:
+            ended.append(course.resume[stage][0])
+            theta = jnp.asarray(course.resume[stage][1], theta.dtype)
             continue
+        starts = sought.starts(jax.random.key(course.seed), course.starts).at[0].set(theta)
         if stage == INVERSE_DYNAMICS:
-            fit = _fit_inverse_dynamics(sought, training, many, robust, progress)
+            fit = _fit_inverse_dynamics(sought, training, starts, course)
             theta = fit.theta
             cost = fit.history[-1].cost if fit.history else float("nan")
             ended.append(Stage(stage, fit.converged, fit.message, len(fit.history), cost, np.asarray(fit.sigma, float)))
         else:
-            options = {"progress": None if progress is None else lambda it: progress(SIMULATION, it), **simulation_options}
-            found = fit_simulation(sought, training, starts=many, **options)
-            theta = found.theta
+            found = _fit_simulation(sought, training, starts, course)
+            theta, factor = found.theta, np.asarray(found.factor, float)
             ended.append(Stage(stage, found.converged, found.message, found.iterations, found.cost, found.rms["q"]))
-        if finished is not None:
-            finished(ended[-1], theta)
-    return conclusions(nominal, sought, theta, base, training, problem.validation, ended)
+        if course.finished is not None:
+            course.finished(ended[-1], theta)
+    return conclusions(nominal, sought, theta, base, training, problem.validation, ended, factor)
 
 
-def _check(stages: Sequence[str], starts: int) -> None:
+def _fit_simulation(sought: Parameterization, training: Sequence[Motion], starts: jax.Array, course: _Course) -> SimulationFit:
+    """Fit with friction that sets in more and more at once."""
+    tell, width = course.progress, sought.given.model.friction_width
+    options = {"progress": None if tell is None else lambda it: tell(SIMULATION, it), **course.simulation_options}
+    for factor in course.anneal:
+        starts = fit_simulation(_with_widths(sought, factor * width), training, starts=starts, **options).theta[None]
+    return fit_simulation(sought, training, starts=starts, **options)
+
+
+def _with_widths(sought: Parameterization, width: Float[Array, " nv"]) -> Parameterization:
+    return eqx.tree_at(lambda s: s.given.model.friction_width, sought, width)
+
+
+def _check(stages: Sequence[str], starts: int, anneal: Sequence[float]) -> None:
     if not stages or list(stages) != [stage for stage in STAGES if stage in stages]:
         raise ValueError(f"stages is {tuple(stages)!r}; give one or both of {STAGES}, in this order")
+    if not all(factor > 0 for factor in anneal):
+        raise ValueError(f"anneal is {tuple(anneal)}; give positive factors on the widths of friction, such as (10.0, 3.0)")
     if starts < 1:
         raise ValueError(f"starts is {starts}; give 1 or more")
 
@@ -200,18 +226,15 @@ def _delay(plant: Plant, unknowns: Sequence[Unknown | str], training: Sequence[M
 
 
 def _fit_inverse_dynamics(
-    sought: Parameterization,
-    training: Sequence[Motion],
-    starts: Float[Array, "starts m"],
-    robust: bool,
-    progress: Callable[[str, Any], None] | None,
+    sought: Parameterization, training: Sequence[Motion], starts: Float[Array, "starts m"], course: _Course
 ) -> Fit:
     def samples_at(delay: Float[Array, ""]) -> Samples:
         return samples_of(training, delay)
 
-    tell = None if progress is None else lambda step: progress(INVERSE_DYNAMICS, step)
+    told = course.progress
+    tell = None if told is None else lambda step: told(INVERSE_DYNAMICS, step)
     delay = sought.given.drives.delay
     samples = samples_at(delay) if "delay" in sought.names else samples_of(training, delay if float(delay) else None)
     return fit_inverse_dynamics(
-        sought, samples._replace(rates=None), starts=starts, robust=robust, samples_at=samples_at, progress=tell
+        sought, samples._replace(rates=None), starts=starts, robust=course.robust, samples_at=samples_at, progress=tell
     )

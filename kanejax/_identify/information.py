@@ -78,7 +78,7 @@ def information(
     chosen = jnp.asarray(base.independent)
     density = _cross_density(scaled)
     gram = _gram(parameterization, phi, sigma, chosen, blocks)
-    inverse, condition, weak = _inverted(np.asarray(gram, float))
+    inverse, condition, weak = inverted(np.asarray(gram, float))
     leverage = _leverage(parameterization, phi, sigma, chosen, blocks, jnp.asarray(inverse, phi.dtype))
     # Where a signal's errors are nearly all taken up, there is nothing to give them back from.
     left = jnp.clip(1.0 - leverage, 0.1, 1.0).astype(density.dtype)
@@ -177,7 +177,7 @@ def _middle(
     return lax.scan(take_up, jnp.zeros((len(chosen), len(chosen)), phi.dtype), blocks)[0]
 
 
-def _inverted(gram: np.ndarray) -> tuple[np.ndarray, float, tuple[dict[int, float], ...]]:
+def inverted(gram: np.ndarray) -> tuple[np.ndarray, float, tuple[dict[int, float], ...]]:
     """Inverse of the information, the condition number, and the combinations that hardly count."""
     if not len(gram):
         return np.zeros((0, 0)), 1.0, ()

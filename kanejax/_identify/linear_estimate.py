@@ -11,7 +11,9 @@ from jaxtyping import Array, Float
 from kanejax._identify.base_parameters import BaseParameters, enough_states, grouped, random_states
 from kanejax._identify.compress import Compressed, compress, residuals, sums_of_squares
 from kanejax._identify.linearization import Samples, linearization, predicted_with_derivative
+from kanejax._identify.motion import Motion
 from kanejax._identify.parameterization import Parameterization
+from kanejax._identify.samples import samples_of
 from kanejax._model.inertia import NAMES
 
 Method = Literal["ordinary", "weighted", "huber"]
@@ -47,13 +49,17 @@ class LinearEstimate(NamedTuple):
 
 
 def linear_estimate(
-    parameterization: Parameterization, samples: Samples, *, method: Method = "weighted", base: BaseParameters | None = None
+    parameterization: Parameterization,
+    data: Sequence[Motion] | Samples,
+    *,
+    method: Method = "weighted",
+    base: BaseParameters | None = None,
 ) -> LinearEstimate:
     """Fit base parameters to signals by linear least squares.
 
     Args:
         parameterization: what is sought; the signals must be linear in it.
-        samples: states and signals.
+        data: motions of the runs, or their samples.
         method: "ordinary": all signals count alike; "weighted": each is divided by the standard deviation of its own errors, and
             again until that stays; "huber": the same, and errors far out count less (Huber 1964), also until that stays.
         base: what `identifiable` returns, if it is known.
@@ -65,6 +71,7 @@ def linear_estimate(
         raise ValueError(
             "the signals are not linear in what is sought; the linear stage needs all but inertias and forces to be fixed"
         )
+    samples = data if isinstance(data, Samples) else samples_of(data)
     base = identifiable(parameterization) if base is None else base
     sizes, nearest = signal_sizes(samples), _nearest(parameterization, base)
     sigma = jnp.full_like(sizes, jnp.sqrt(jnp.mean(sizes**2)))

@@ -157,16 +157,25 @@ def test_stages_that_were_finished_are_not_fitted_again():
 
 
 def test_simulation_goes_on_from_inverse_dynamics():
-    motion = recorded_arm(rate=100.0, duration=2.0)
+    """Torques are the input of the simulation, so they are exact, and the positions are noisy."""
+    ts, q, u, u_dot = motion_of_arm(100.0, 2.0)
+    noisy = q + 1e-3 * np.random.default_rng(0).normal(size=q.shape)
+    motion = kj.Motion(ts, noisy, u, u_dot, efforts(arm(), q, u, u_dot))
+    heavy = kj.Plant(arm().replace(mass=arm().mass * 1.2), kj.Drives.ideal(arm()).replace(offset=OFFSETS))
     found = kj.identify(
-        nominal(),
+        heavy,
         [motion],
-        ("mass",),
-        friction_width=None,
+        ("mass", "coulomb_friction"),
         stages=("inverse dynamics", "simulation"),
-        simulation_options={"windows": (0.5,)},
+        simulation_options={"windows": (0.5, None), "substeps": 2},
+        anneal=(3.0,),
     )
     assert [stage.name for stage in found.stages] == ["linear", "inverse dynamics", "simulation"]
+    assert found.converged, found.stages
+    np.testing.assert_allclose(found.model.friction_width, arm().friction_width)
+    for name, mass in (("upper.m", 2.0), ("fore.m", 1.0)):
+        name = name.replace(".m", ".mass")
+        assert abs(found[name].value - mass) < 4 * found[name].std < 0.1 * mass
 
 
 def test_single_precision_models_are_identified_in_double():
@@ -183,6 +192,7 @@ def test_single_precision_models_are_identified_in_double():
         ({"stages": ("simulation", "inverse dynamics")}, "in this order"),
         ({"stages": ()}, "give one or both of"),
         ({"starts": 0}, "starts is 0; give 1 or more"),
+        ({"anneal": (10.0, 0.0)}, "give positive factors"),
     ],
 )
 def test_options_that_mean_nothing(options, message):

@@ -176,7 +176,9 @@ def test_interruption_keeps_what_is_finished(folder, counted, monkeypatch):
     def diverged(sought, motions, *, starts, progress):
         progress(SimpleNamespace(cost=1.0))
         rms = {"q": np.ones(2)}
-        return SimpleNamespace(theta=starts[0], converged=False, message="out of patience", iterations=1, cost=1.0, rms=rms)
+        factor = np.eye(len(sought.phi0) + 1)
+        end = {"converged": False, "message": "out of patience", "iterations": 1, "cost": 1.0, "rms": rms}
+        return SimpleNamespace(theta=starts[0], factor=factor, **end)
 
     monkeypatch.setattr(module, "fit_simulation", diverged)
     for _ in range(2):
