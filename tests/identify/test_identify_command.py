@@ -4,6 +4,7 @@ import json
 from types import SimpleNamespace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -15,6 +16,7 @@ from kanejax._cli.kept import KeptStages
 from kanejax._cli.terminal import BAD_INPUT, FAILED, INTERRUPTED
 from kanejax._identify import identify as module
 from kanejax._identify.result import Stage
+from kanejax._identify.simulation_fit import SimulationFit
 
 ARM = """<robot name="arm"><!-- kept --><link name="base"/>
 <link name="upper"><inertial><origin xyz="0.15 0.01 0.02"/><mass value="2"/>
@@ -175,10 +177,9 @@ def test_interruption_keeps_what_is_finished(folder, counted, monkeypatch):
 
     def diverged(sought, motions, *, starts, progress):
         progress(SimpleNamespace(cost=1.0))
-        rms = {"q": np.ones(2)}
-        factor = np.eye(len(sought.phi0) + 1)
-        end = {"converged": False, "message": "out of patience", "iterations": 1, "cost": 1.0, "rms": rms}
-        return SimpleNamespace(theta=starts[0], factor=factor, **end)
+        ones, factor = {"q": np.ones(2)}, jnp.eye(len(sought.phi0) + 1)
+        end = (False, "out of patience", 1, 1.0, (), factor, 1, ones, ones, (), np.ones(1), (1, 1))
+        return SimulationFit(starts[0], sought.phi(starts[0]), *end)
 
     monkeypatch.setattr(module, "fit_simulation", diverged)
     for _ in range(2):
