@@ -116,6 +116,8 @@ if _typing.TYPE_CHECKING:
         Identification as Identification,
         relative_error as relative_error,
     )
+    from kanejax._identify.simulation_error import fit_simulation as fit_simulation
+    from kanejax._identify.simulation_fit import FitInterrupted as FitInterrupted, SimulationFit as SimulationFit
     from kanejax._identify.unknowns import Unknown as Unknown
     from kanejax._io.export import to_mjcf as to_mjcf, to_mujoco as to_mujoco
     from kanejax._io.load import LoadReport as LoadReport, load as load, load_report as load_report
@@ -153,6 +155,8 @@ else:
         "_identify.read_log": ("read_log",),
         "_identify.report.page": ("write_report",),
         "_identify.result": ("Comparison", "Estimate", "Identification", "relative_error"),
+        "_identify.simulation_error": ("fit_simulation",),
+        "_identify.simulation_fit": ("FitInterrupted", "SimulationFit"),
         "_identify.unknowns": ("Unknown",),
         "_io.export": ("to_mjcf", "to_mujoco"),
         "_io.load": ("LoadReport", "load", "load_report"),

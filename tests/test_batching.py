@@ -176,7 +176,7 @@ def test_changing_a_leaf_compiles_nothing(case):
 
 def test_reverse_mode_over_gradients_of_each_state(case):
     """The regressor of each state is a gradient; its gradient in turn is one more transposition."""
-    model, q, u, u_dot = (x if isinstance(x, kj.Model) else x[:3] for x in case)
+    model, (q, u, u_dot) = case[0], (x[:3] for x in case[1:])
 
     def loss(q):
         return jnp.sum(jnp.sin(jax.vmap(kj.regressor, (None, 0, 0, 0))(model, q, u, u_dot)))

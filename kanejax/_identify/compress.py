@@ -7,7 +7,6 @@ well conditioned, and compressing again about the solution, where e is no more t
 (iterative refinement; Bjorck 1996, Numerical methods for least squares problems, 2.9).
 """
 
-import functools
 from typing import NamedTuple
 
 import jax
@@ -19,6 +18,8 @@ from kanejax._identify.linearization import Samples, linearization, predicted, p
 from kanejax._identify.parameterization import Parameterization
 
 CHUNK = 512
+# Errors of more standard deviations than this count less: as efficient as least squares to 95 % where errors are normal.
+HUBER = 1.345
 
 
 class Compressed(NamedTuple):
@@ -35,13 +36,11 @@ class Compressed(NamedTuple):
     count: Float[Array, " nv"]
 
 
-@functools.partial(jax.jit, static_argnames="chunk")
 def compress(
     parameterization: Parameterization,
     phi: Float[Array, " n"],
     samples: Samples,
     scale: Float[Array, " nv"] | None = None,
-    huber: float | None = None,
     chunk: int = CHUNK,
 ) -> Compressed:
     """Linearise the residuals of all samples about `phi`, and compress them.
@@ -50,10 +49,14 @@ def compress(
         parameterization: what is sought.
         phi: where to linearise.
         samples: states and signals.
-        scale: of the residuals of each signal; those of more than `huber` times that weigh less, by Huber's function.
-        huber: in place of 1.345, which makes it 95 % as efficient as least squares where errors are normal.
+        scale: standard deviation of each signal's errors: those of more than `HUBER` times that weigh less, by Huber's function.
         chunk: samples at a time.
     """
+    return _compress(parameterization, phi, _pieces(samples, chunk), scale)
+
+
+@jax.jit
+def _compress(parameterization: Parameterization, phi: jax.Array, pieces: Samples, scale: jax.Array | None) -> Compressed:
     tree = parameterization.tree
     delay = parameterization.names.index("delay") if "delay" in parameterization.names else None
     at = linearization(parameterization, phi)
@@ -64,7 +67,7 @@ def compress(
         error = sample.effort - value
         weight = sample.weight
         if scale is not None:
-            limit = (1.345 if huber is None else huber) * scale
+            limit = HUBER * scale
             weight = weight * jnp.minimum(1.0, limit / jnp.maximum(jnp.abs(error), jnp.finfo(error.dtype).tiny))
         whole = jnp.concatenate((derivative, error[:, None]), 1)
         # A weight of zero also takes out what is not a number.
@@ -76,22 +79,26 @@ def compress(
         return Compressed(total.products + products, phi, total.count + jnp.sum(weight, 0)), None
 
     none = Compressed(jnp.zeros((tree.nv, size, size), phi.dtype), phi, jnp.zeros(tree.nv, phi.dtype))
-    return lax.scan(take_up, none, _pieces(samples, chunk))[0]
+    return lax.scan(take_up, none, pieces)[0]
 
 
-@functools.partial(jax.jit, static_argnames="chunk")
 def residuals(
     parameterization: Parameterization, phi: Float[Array, " n"], samples: Samples, chunk: int = CHUNK
 ) -> Float[Array, "samples nv"]:
     """Measured less predicted signals, zero where they do not count."""
+    found = _residuals(parameterization, phi, _pieces(samples._replace(rates=None), chunk))
+    return found.reshape(-1, found.shape[-1])[: len(samples.q)]
+
+
+@jax.jit
+def _residuals(parameterization: Parameterization, phi: jax.Array, pieces: Samples) -> Float[Array, "pieces chunk nv"]:
     at = linearization(parameterization, phi)
 
     def errors(sample: Samples) -> jax.Array:
         error = sample.effort - predicted(parameterization.tree, at, sample.q, sample.u, sample.u_dot)
         return jnp.where(sample.weight > 0, error, 0.0)
 
-    found = lax.map(jax.vmap(errors), _pieces(samples._replace(rates=None), chunk))
-    return found.reshape(-1, found.shape[-1])[: len(samples.q)]
+    return lax.map(jax.vmap(errors), pieces)
 
 
 @jax.jit
@@ -113,10 +120,13 @@ def combined(compressed: Compressed, sigma: Float[Array, " nv"]) -> Float[Array,
 
 
 def _pieces(samples: Samples, chunk: int) -> Samples:
-    """Samples as (pieces, chunk, ...), filled up with copies of the last that do not count."""
-    count = len(samples.q)
-    chunk = min(chunk, count)
-    spare = -count % chunk
+    """Samples as (pieces, chunk, ...), filled up with copies of the last that do not count.
+
+    The number of pieces is rounded up to three binary digits, so that logs of many lengths share a compiled program.
+    """
+    count = -(-len(samples.q) // chunk)
+    step = 2 ** max(0, (count - 1).bit_length() - 3)
+    spare = -(-count // step) * step * chunk - len(samples.q)
 
     def cut(x: jax.Array, filling: jax.Array) -> jax.Array:
         full = jnp.concatenate((x, jnp.broadcast_to(filling, (spare, *x.shape[1:])))) if spare else x

@@ -16,13 +16,14 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from kanejax._identify.compress import Compressed, combined, compress, residuals, sums_of_squares
-from kanejax._identify.linear_estimate import UNEXCITED, error_scale, robust_scale, signal_sizes
+from kanejax._identify.compress import HUBER, Compressed, combined, compress, residuals, sums_of_squares
+from kanejax._identify.linear_estimate import UNEXCITED, error_scale, robust_scale, scaled_gram, signal_sizes
 from kanejax._identify.linearization import Samples
 from kanejax._identify.parameterization import Parameterization
 
 # How far a step may go, relative to the parameters' own scales, and how this changes when a step fails.
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-9, 1e9
+_SETTLED = "neither the parameters nor the errors' sizes change any more"
 # Shapes of friction curves, which have no effect far from where they belong: they are held until all else has settled.
 _SHAPES = ("friction_width", "stribeck_speed")
 # A change this small beside the errors of the signals is far below what the data can tell.
@@ -90,70 +91,136 @@ def fit_inverse_dynamics(
         samples_at: samples for another delay [s], where the delay is sought.
         progress: called after every round.
     """
-    sizes = signal_sizes(samples)
     thetas = parameterization.theta0[None] if starts is None else starts
-    given, again = sigma, robust or not parameterization.linear
-    delay = parameterization.names.index("delay") if "delay" in parameterization.names else None
+    signals = _Signals(parameterization, samples, samples_at, robust, sigma)
+    if parameterization.linear:
+        return _fit_linear(signals, thetas, max_rounds, progress)
+    fits = [_fit_nonlinear(signals, theta, max_rounds, progress) for theta in thetas]
+    costs = np.array([fit.history[-1].cost if fit.history else np.inf for fit in fits])
+    best = int(np.argmin(costs))
+    return _told(fits[best], costs)
 
-    def compressed_at(phi: jax.Array, scale: jax.Array | None) -> Compressed:
-        moved = samples if delay is None or samples_at is None else samples_at(phi[delay])
-        return compress(parameterization, phi, moved, scale if robust else None)
 
+class _Signals:
+    """The data, linearised and weighted wherever the fit goes."""
+
+    def __init__(
+        self,
+        parameterization: Parameterization,
+        samples: Samples,
+        samples_at: Callable[[Float[Array, ""]], Samples] | None,
+        robust: bool,
+        sigma: jax.Array | None,
+    ) -> None:
+        self.parameterization, self.robust = parameterization, robust
+        self._samples, self._samples_at, self._given = samples, samples_at, sigma
+        self._sizes = signal_sizes(samples)
+        self._delay = parameterization.names.index("delay") if "delay" in parameterization.names else None
+
+    def _at(self, phi: jax.Array) -> Samples:
+        return self._samples if self._delay is None or self._samples_at is None else self._samples_at(phi[self._delay])
+
+    def compressed(self, phi: jax.Array, sigma: jax.Array | None) -> Compressed:
+        """The data, linearised about phi; far errors count less if that is wanted."""
+        return compress(self.parameterization, phi, self._at(phi), sigma if self.robust else None)
+
+    def sigma(self, phi: jax.Array, compressed: Compressed, fitted: int) -> jax.Array:
+        """Standard deviation of each signal's errors at phi."""
+        if self._given is not None:
+            return self._given
+        if not self.robust:
+            return error_scale(compressed, phi, fitted, self._sizes)
+        samples = self._at(phi)
+        return robust_scale(residuals(self.parameterization, phi, samples), samples.weight, self._sizes)
+
+    def cost(self, theta: jax.Array, compressed: Compressed, sigma: jax.Array) -> float:
+        """Sum of squared residuals and priors at theta, where data were linearised there; with Huber's function if it is robust."""
+        if not self.robust:
+            return float(_cost(self.parameterization, compressed, sigma, theta))
+        phi, prior = self.parameterization.phi(theta), self.parameterization.prior(theta)
+        sizes = jnp.abs(residuals(self.parameterization, phi, self._at(phi))) / sigma[None]
+        far = HUBER * (2.0 * sizes - HUBER)
+        return float(jnp.sum(jnp.where(sizes < HUBER, sizes**2, far)) + jnp.sum(prior * prior))
+
+
+def _fit_linear(signals: _Signals, thetas: jax.Array, max_rounds: int, progress: Callable[[Step], None] | None) -> Fit:
+    """Solve, weight, and solve again; the data are linearised once, and about the first solution once more, see compress."""
+    parameterization = signals.parameterization
     phi = parameterization.phi(thetas[0])
-    compressed = compressed_at(phi, None)
-    sigma = error_scale(compressed, phi, 0, sizes) if given is None else given
-    if robust and given is None:
-        sigma = robust_scale(residuals(parameterization, phi, samples), samples.weight, sizes)
-        compressed = compressed_at(phi, sigma)
+    compressed = signals.compressed(phi, None)
     fitted = _rank(compressed)
-    damping = 0.0 if parameterization.linear else _FIRST_DAMPING
-    shapes = jnp.asarray([any(name.endswith(shape) for shape in _SHAPES) for name in parameterization.names])
-    holding = bool(jnp.any(shapes))
-    theta, agreeing, history = thetas[0], (1, 1), []
-    converged, message = False, f"did not settle in {max_rounds} rounds: the fit goes on improving"
+    sigma = signals.sigma(phi, compressed, 0)
+    held, history, costs = jnp.zeros(len(phi), bool), [], np.zeros(1)
     for _ in range(max_rounds):
-        cost = float(_cost(parameterization, compressed, sigma, theta))
-        found, costs = _solved(
-            parameterization,
-            combined(compressed, sigma),
-            thetas if not history else theta[None],
-            compressed.center,
-            damping,
-            shapes & holding,
-        )
-        best = int(jnp.nanargmin(costs))
-        new = found[best]
+        found, reached = _solved(parameterization, combined(compressed, sigma), thetas, compressed.center, 0.0, held)
         if not history:
-            agreeing = (int(jnp.sum(costs < costs[best] * (1 + 1e-6) + 1e-9)), len(thetas))
-        new_phi = parameterization.phi(new)
-        # Where they are linear, once more about the first solution, see compress.
-        after = compressed_at(new_phi, sigma) if again or not history else compressed
-        if not parameterization.linear:
-            taken, damping = _next_damping(damping, cost, float(costs[best]), float(_cost(parameterization, after, sigma, new)))
-            if not taken and damping > _MOST_DAMPING:
-                converged, message = True, "no step improves the fit any more"
-                break
-            if not taken:
-                continue
-        change = _change(compressed, sigma, phi, new_phi)
-        theta, phi, compressed = new, new_phi, after
-        before = sigma
-        if given is None:
-            sigma = error_scale(compressed, phi, fitted, sizes)
-            if robust:
-                sigma = robust_scale(residuals(parameterization, phi, samples), samples.weight, sizes)
-        history.append(Step(float(_cost(parameterization, compressed, sigma, theta)), np.asarray(sigma), change))
+            costs = np.asarray(reached, float)
+        theta = found[int(jnp.nanargmin(reached))]
+        new, thetas = parameterization.phi(theta), theta[None]
+        change = _change(compressed, sigma, phi, new)
+        phi, before = new, sigma
+        if signals.robust or not history:
+            compressed = signals.compressed(phi, sigma)
+        sigma = signals.sigma(phi, compressed, fitted)
+        history.append(Step(signals.cost(theta, compressed, sigma), np.asarray(sigma), change))
         if progress is not None:
             progress(history[-1])
-        settled = change < _TOLERANCE and float(jnp.max(jnp.abs(sigma / before - 1.0))) < _TOLERANCE
+        if change < _TOLERANCE and _stays(sigma, before):
+            return _told(Fit(theta, phi, sigma, compressed, True, _SETTLED, tuple(history), (1, 1)), costs)
+    message = f"did not settle in {max_rounds} rounds"
+    return _told(Fit(thetas[0], phi, sigma, compressed, False, message, tuple(history), (1, 1)), costs)
+
+
+def _fit_nonlinear(signals: _Signals, theta: jax.Array, max_rounds: int, progress: Callable[[Step], None] | None) -> Fit:
+    """Linearise, take a step that is held back by damping, and weight again."""
+    parameterization = signals.parameterization
+    phi = parameterization.phi(theta)
+    compressed = signals.compressed(phi, None)
+    sigma = signals.sigma(phi, compressed, 0)
+    compressed = signals.compressed(phi, sigma)
+    fitted, damping, history = _rank(compressed), _FIRST_DAMPING, []
+    shapes = jnp.asarray([any(name.endswith(shape) for shape in _SHAPES) for name in parameterization.names])
+    holding = bool(jnp.any(shapes))
+    converged, message = False, f"did not settle in {max_rounds} rounds: the fit goes on improving"
+    for _ in range(max_rounds):
+        cost, root = signals.cost(theta, compressed, sigma), combined(compressed, sigma)
+        found, promised = _solved(parameterization, root, theta[None], compressed.center, damping, shapes & holding)
+        new = parameterization.phi(found[0])
+        after = signals.compressed(new, sigma)
+        linearised = float(_cost(parameterization, compressed, sigma, theta))
+        gain = cost - signals.cost(found[0], after, sigma)
+        taken, damping = _next_damping(damping, gain, linearised - float(promised[0]), cost)
+        settled = damping > _MOST_DAMPING
+        if taken:
+            change = _change(compressed, sigma, phi, new)
+            theta, phi, compressed, before = found[0], new, after, sigma
+            sigma = signals.sigma(phi, compressed, fitted)
+            history.append(Step(signals.cost(theta, compressed, sigma), np.asarray(sigma), change))
+            if progress is not None:
+                progress(history[-1])
+            settled = change < _TOLERANCE and _stays(sigma, before)
         if settled and holding:
             holding, damping = False, _FIRST_DAMPING
         elif settled:
-            converged, message = True, "neither the parameters nor the errors' sizes change any more"
+            # A step may be short because it was held back: converged is where one that is not promises nothing.
+            free = _solved(parameterization, combined(compressed, sigma), theta[None], compressed.center, 0.0, shapes & False)[1]
+            left = float(_cost(parameterization, compressed, sigma, theta)) - float(free[0])
+            converged = bool(left <= 1e-6 * float(jnp.sum(compressed.count)) + 1e-3)
+            message = _SETTLED if converged else "no step improves the fit, though it is at no minimum"
             break
-    if agreeing[1] > 1:
-        message += f"; {agreeing[0]} of {agreeing[1]} starts agree"
-    return Fit(theta, phi, sigma, compressed, converged, message, tuple(history), agreeing)
+    return Fit(theta, phi, sigma, compressed, converged, message, tuple(history), (1, 1))
+
+
+def _told(fit: Fit, costs: np.ndarray) -> Fit:
+    """The fit, with how many starts came to it."""
+    agreeing = int(np.sum(costs < costs.min() * (1 + 1e-6) + 1e-9)), len(costs)
+    if len(costs) == 1:
+        return fit._replace(agreeing=agreeing)
+    return fit._replace(agreeing=agreeing, message=f"{fit.message}; {agreeing[0]} of {agreeing[1]} starts agree")
+
+
+def _stays(sigma: jax.Array, before: jax.Array) -> bool:
+    return float(jnp.max(jnp.abs(sigma / before - 1.0))) < _TOLERANCE
 
 
 @jax.jit
@@ -198,11 +265,11 @@ def _largest_change(compressed: Compressed, sigma: jax.Array, before: jax.Array,
     return jnp.sqrt(jnp.max(jnp.maximum(square, 0.0) / jnp.maximum(compressed.count, 1.0) / sigma**2))
 
 
-def _next_damping(damping: float, cost: float, promised: float, reached: float) -> tuple[bool, float]:
-    """Whether to take a step, and the damping of the next, from the costs before it, as it was linearised, and after it."""
-    share = (cost - reached) / max(cost - promised, np.finfo(float).tiny)
-    if not reached <= cost * (1.0 + 1e-12):
+def _next_damping(damping: float, gain: float, promised: float, cost: float) -> tuple[bool, float]:
+    """Whether to take a step, and the damping of the next, from what it lowers the cost by and what it promised."""
+    if not gain >= -1e-12 * cost:
         return False, damping * 10.0
+    share = gain / max(promised, np.finfo(float).tiny)
     if share < 0.25:
         return True, damping * 4.0
     return True, max(damping * 0.1, _LEAST_DAMPING) if share > 0.75 else damping
@@ -216,7 +283,5 @@ def _change(compressed: Compressed, sigma: jax.Array, before: jax.Array, after: 
 def _rank(compressed: Compressed) -> int:
     """Number of combinations of parameters that the data determine."""
     products = np.asarray(jnp.sum(compressed.products, 0), float)[:-1, :-1]
-    lengths = np.sqrt(np.diag(products))
-    scale = np.where(lengths > 0, lengths, 1.0)
-    values = np.linalg.eigvalsh(products / scale[:, None] / scale[None, :])
+    values = np.linalg.eigvalsh(scaled_gram(products)[0])
     return int(np.sum(values > UNEXCITED**2 * values.max(initial=0.0)))

@@ -24,7 +24,7 @@ from kanejax._identify.plant import Drives, Plant
 from kanejax._identify.priors import Entropic
 from kanejax._identify.processing import motions
 from kanejax._identify.result import Identification, Stage
-from kanejax._identify.samples import samples_of
+from kanejax._identify.samples import check_motions, samples_of
 from kanejax._identify.simulation_error import fit_simulation
 from kanejax._identify.simulation_fit import SimulationFit
 from kanejax._identify.unknowns import Unknown
@@ -41,6 +41,7 @@ class _Problem(NamedTuple):
     """What is sought, and the runs to fit and to validate with."""
 
     parameterization: Parameterization
+    nominal: Parameterization
     training: tuple[Motion, ...]
     validation: tuple[Motion, ...]
 
@@ -61,10 +62,10 @@ class _Course(NamedTuple):
 
 def identify(
     model: Model | Plant,
-    log: Log | Sequence[Motion],
+    log: Log | Motion | Sequence[Motion],
     unknowns: Sequence[Unknown | str] = UNKNOWNS,
     *,
-    validation: Log | Sequence[Motion] | float | None = None,
+    validation: Log | Motion | Sequence[Motion] | float | None = None,
     motion_options: Mapping[str, Any] | None = None,
     stages: Sequence[str] = (INVERSE_DYNAMICS,),
     simulation_options: Mapping[str, Any] | None = None,
@@ -113,35 +114,41 @@ def identify(
         ValueError: an option has no meaning.
         UnknownNameError: an unknown, a body or a joint is not there; the message lists what is.
     """
-    _check(stages, starts, anneal)
+    _check(stages, starts, anneal, friction_width)
     with jax.enable_x64(True):
         nominal = _in_double(model if isinstance(model, Plant) else Plant(model, Drives.ideal(model)))
         problem = _problem(nominal, log, unknowns, validation, dict(motion_options or {}), friction_width)
         course = _Course(
             stages, dict(simulation_options or {}), robust, tuple(anneal), starts, seed, progress, dict(resume or {}), finished
         )
-        found = _staged(problem, nominal, course)
+        found = _staged(problem, course)
         dtype = (model.model if isinstance(model, Plant) else model).dtype
         plants = (jax.tree.map(lambda x: x.astype(dtype), plant) for plant in (found.plant, found.nominal))
         return dataclasses.replace(found, **dict(zip(("plant", "nominal"), plants, strict=True)))
 
 
-def _staged(problem: _Problem, nominal: Plant, course: _Course) -> Identification:
+def _staged(problem: _Problem, course: _Course) -> Identification:
     """Go through the stages."""
     sought, training = problem.parameterization, problem.training
     base = identifiable(sought)
     theta, ended = sought.theta0, []
-    samples = samples_of(training)
     if sought.linear:
-        linear = linear_estimate(sought, samples, base=base)
-        ended.append(Stage("linear", True, "solved", 1, float("nan"), np.asarray(linear.sigma, float)))
+        delay = sought.given.drives.delay
+        linear = linear_estimate(sought, samples_of(training, delay if float(delay) else None), base=base)
+        message = "solved" if linear.converged else "the weights of the signals do not settle"
+        ended.append(Stage("linear", linear.converged, message, 1, float("nan"), np.asarray(linear.sigma, float)))
     factor = None
     for stage in course.stages:
         if stage == SIMULATION and "friction_width" not in {unknown.leaf for unknown in sought.unknowns}:
-            sought = _with_widths(sought, nominal.model.friction_width)
+            sought = _with_widths(sought, problem.nominal.given.model.friction_width)
         if stage in course.resume:
             ended.append(course.resume[stage][0])
             theta = jnp.asarray(course.resume[stage][1], theta.dtype)
+            if stage == SIMULATION:
+                once = course._replace(
+                    simulation_options=course.simulation_options | {"max_iterations": 1}, anneal=(), progress=None
+                )
+                factor = np.asarray(_fit_simulation(sought, training, theta[None], once).factor, float)
             continue
         starts = sought.starts(jax.random.key(course.seed), course.starts).at[0].set(theta)
         if stage == INVERSE_DYNAMICS:
@@ -155,7 +162,8 @@ def _staged(problem: _Problem, nominal: Plant, course: _Course) -> Identificatio
             ended.append(Stage(stage, found.converged, found.message, found.iterations, found.cost, found.rms["q"]))
         if course.finished is not None:
             course.finished(ended[-1], theta)
-    return conclusions(nominal, sought, theta, base, training, problem.validation, ended, factor)
+    robust = course.robust and INVERSE_DYNAMICS in course.stages
+    return conclusions(problem.nominal, sought, theta, base, training, problem.validation, ended, factor, robust)
 
 
 def _fit_simulation(sought: Parameterization, training: Sequence[Motion], starts: jax.Array, course: _Course) -> SimulationFit:
@@ -171,11 +179,13 @@ def _with_widths(sought: Parameterization, width: Float[Array, " nv"]) -> Parame
     return eqx.tree_at(lambda s: s.given.model.friction_width, sought, width)
 
 
-def _check(stages: Sequence[str], starts: int, anneal: Sequence[float]) -> None:
+def _check(stages: Sequence[str], starts: int, anneal: Sequence[float], friction_width: float | None) -> None:
     if not stages or list(stages) != [stage for stage in STAGES if stage in stages]:
         raise ValueError(f"stages is {tuple(stages)!r}; give one or both of {STAGES}, in this order")
     if not all(factor > 0 for factor in anneal):
         raise ValueError(f"anneal is {tuple(anneal)}; give positive factors on the widths of friction, such as (10.0, 3.0)")
+    if friction_width is not None and not friction_width > 0:
+        raise ValueError(f"friction_width is {friction_width}; give a positive fraction of the greatest speed, or None")
     if starts < 1:
         raise ValueError(f"starts is {starts}; give 1 or more")
 
@@ -186,13 +196,13 @@ def _in_double[T](tree: T) -> T:
 
 def _problem(
     nominal: Plant,
-    log: Log | Sequence[Motion],
+    log: Log | Motion | Sequence[Motion],
     unknowns: Sequence[Unknown | str],
-    validation: Log | Sequence[Motion] | float | None,
+    validation: Log | Motion | Sequence[Motion] | float | None,
     options: dict[str, Any],
     friction_width: float | None,
 ) -> _Problem:
-    training = motions(log, nominal.model, **options) if isinstance(log, Log) else _in_double(tuple(log))
+    training = motions(log, nominal.model, **options) if isinstance(log, Log) else _in_double(_listed(log))
     if not training:
         raise LogError("there is no motion to fit; give a log, or at least one motion")
     if isinstance(validation, int | float):
@@ -201,7 +211,9 @@ def _problem(
         unfiltered: dict[str, Any] = {**options, "effort_cutoff": None}
         held_out = motions(validation, nominal.model, **unfiltered)
     else:
-        held_out = _in_double(() if validation is None else tuple(validation))
+        held_out = _in_double(() if validation is None else _listed(validation))
+    check_motions(training)
+    check_motions(held_out)
     specified = [Unknown("inertia", prior=_PRIOR) if unknown == "inertia" else unknown for unknown in unknowns]
     leaves = {unknown if isinstance(unknown, str) else unknown.leaf for unknown in specified}
     plant = nominal
@@ -209,20 +221,31 @@ def _problem(
         greatest = jnp.max(jnp.stack([jnp.max(jnp.abs(motion.u), 0) for motion in training]), 0)
         width = jnp.where(greatest > 0, friction_width * greatest, plant.model.friction_width)
         plant = eqx.tree_at(lambda p: p.model, plant, plant.model.replace(friction_width=width))
+    known = parameterization(nominal, specified)
     if "delay" in leaves:
         plant = eqx.tree_at(lambda p: p.drives, plant, plant.drives.replace(delay=_delay(plant, specified, training)))
-    return _Problem(parameterization(plant, specified), training, held_out)
+    return _Problem(parameterization(plant, specified), known, training, held_out)
+
+
+def _listed(motions: Motion | Sequence[Motion]) -> tuple[Motion, ...]:
+    return (motions,) if isinstance(motions, Motion) else tuple(motions)
 
 
 def _delay(plant: Plant, unknowns: Sequence[Unknown | str], training: Sequence[Motion]) -> float:
-    """Delay to start from: that of the signals against those of the best fit without one."""
-    others = [unknown for unknown in unknowns if unknown not in ("delay",) and getattr(unknown, "leaf", "") != "delay"]
+    """Delay to start from: that of the signals against those of the best fit without one, or the given one if there is none."""
+    given = float(plant.drives.delay)
+    others = [unknown for unknown in unknowns if unknown != "delay" and getattr(unknown, "leaf", "") != "delay"]
     sought = parameterization(plant, others or ["offset"])
-    samples = samples_of(training)
-    phi = linear_estimate(sought, samples).phi if sought.linear else sought.phi0
+    phi = linear_estimate(sought, samples_of(training)).phi if sought.linear else sought.phi0
     longest = max(training, key=len)
     predicted = longest.effort - residuals(sought, phi, samples_of([longest]))
-    return estimated_delay(longest, np.asarray(predicted, float)).common
+    try:
+        found = estimated_delay(longest, np.asarray(predicted, float)).common
+    except LogError:
+        return given
+    bounds = [unknown.bounds for unknown in unknowns if isinstance(unknown, Unknown) and unknown.leaf == "delay"]
+    low, high = next((pair for pair in bounds if pair is not None), (-np.inf, np.inf))
+    return float(np.clip(found, np.max(low), np.min(high)))
 
 
 def _fit_inverse_dynamics(

@@ -15,10 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float
 
 from kanejax._identify.base_parameters import BaseParameters
-from kanejax._identify.linear_estimate import UNEXCITED
+from kanejax._identify.compress import HUBER
+from kanejax._identify.linear_estimate import UNEXCITED, scaled_gram
 from kanejax._identify.linearization import Samples, linearization, predicted_with_derivative
 from kanejax._identify.parameterization import Parameterization
 
@@ -41,7 +42,8 @@ class Information(NamedTuple):
         white: the same, if errors were independent of each other.
         condition_number: of the scaled regressor's columns, each divided by its length.
         spectrum: of the errors.
-        weak: combinations of base parameters that the data hardly excite, one a row, each with its largest share first.
+        weak: changes of base parameters that change no signal, each with its largest first and at 1.
+        unexcited: base parameters that take part in such a change.
     """
 
     covariance: Float[np.ndarray, "nbase nbase"]
@@ -49,6 +51,7 @@ class Information(NamedTuple):
     condition_number: float
     spectrum: Spectrum
     weak: tuple[dict[int, float], ...]
+    unexcited: Bool[np.ndarray, " nbase"]
 
 
 def information(
@@ -59,6 +62,7 @@ def information(
     runs: Sequence[Samples],
     errors: Sequence[Float[Array, "samples nv"]],
     period: float,
+    robust: bool = False,
 ) -> Information:
     """Information on base parameters from runs with uniform time stamps.
 
@@ -70,16 +74,23 @@ def information(
         runs: samples of each run, in the order of time.
         errors: measured less predicted signals of each run.
         period: of sampling [s].
+        robust: whether errors far out counted less, by Huber's function (Huber 1964): they then enter as what it cuts them to, and
+            add nothing to the information.
     """
-    count = sum(len(run.q) for run in runs)
-    length = _block_length(count, min(len(run.q) for run in runs))
+    length = _block_length(sum(len(run.q) for run in runs), max(len(run.q) for run in runs))
     blocks = jax.tree.map(lambda *x: jnp.concatenate(x), *[_blocks(run, length) for run in runs])
-    scaled = jnp.concatenate([_cut(error / sigma[None], length) for error in errors])
+    cut = [jnp.clip(error / sigma[None], -HUBER, HUBER) if robust else error / sigma[None] for error in errors]
     chosen = jnp.asarray(base.independent)
-    density = _cross_density(scaled)
-    gram = _gram(parameterization, phi, sigma, chosen, blocks)
-    inverse, condition, weak = inverted(np.asarray(gram, float))
-    leverage = _leverage(parameterization, phi, sigma, chosen, blocks, jnp.asarray(inverse, phi.dtype))
+    density, share = _cross_density(cut, [run.weight for run in runs], length)
+    inner = blocks
+    if robust:
+        inside = [
+            _blocks(run._replace(weight=jnp.where(jnp.abs(x) < HUBER, run.weight, 0.0)), length)
+            for run, x in zip(runs, cut, strict=True)
+        ]
+        inner = jax.tree.map(lambda *x: jnp.concatenate(x), *inside)
+    inverse, condition, weak, unexcited = inverted(np.asarray(_gram(parameterization, phi, sigma, chosen, inner), float))
+    leverage = _leverage(parameterization, phi, sigma, chosen, blocks, jnp.asarray(inverse, phi.dtype)) / share[None]
     # Where a signal's errors are nearly all taken up, there is nothing to give them back from.
     left = jnp.clip(1.0 - leverage, 0.1, 1.0).astype(density.dtype)
     density = density / left[:, :, None] / left[:, None, :]
@@ -87,12 +98,12 @@ def information(
     covariance = inverse @ middle @ inverse
     frequency = np.fft.rfftfreq(length, period)
     one_sided = 2.0 * period * np.asarray(jnp.real(jnp.diagonal(density, axis1=1, axis2=2)) * sigma[None] ** 2)
-    return Information(covariance, inverse, condition, Spectrum(frequency, one_sided), weak)
+    return Information(covariance, inverse, condition, Spectrum(frequency, one_sided), weak, unexcited)
 
 
-def _block_length(count: int, shortest_run: int) -> int:
+def _block_length(count: int, longest_run: int) -> int:
     wanted = 2 ** round(np.log2(4.0 * np.sqrt(count)))
-    return int(min(max(wanted, _SHORTEST), _LONGEST, shortest_run))
+    return int(min(max(wanted, _SHORTEST), _LONGEST, longest_run))
 
 
 def _cut(x: jax.Array, length: int) -> jax.Array:
@@ -109,15 +120,22 @@ def _blocks(run: Samples, length: int) -> Samples:
     return jax.tree.map(lambda x: _cut(x, length), full)
 
 
-@jax.jit
-def _cross_density(errors: Float[Array, "blocks length nv"]) -> Complex[Array, "frequencies nv nv"]:
-    """Covariance of the blocks' Fourier transforms; the identity for independent errors of size one."""
-    length = errors.shape[1]
-    taper = jnp.asarray(np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2, errors.dtype)
-    halves = errors.reshape(-1, errors.shape[-1])
-    between = halves[length // 2 : length // 2 + (len(errors) - 1) * length].reshape(-1, length, errors.shape[-1])
-    waves = jnp.fft.rfft(jnp.concatenate((errors, between)) * taper[None, :, None], axis=1) / np.sqrt(length).item()
-    return jnp.einsum("bfi,bfj->fij", waves, jnp.conj(waves)) / len(waves)
+def _cross_density(
+    errors: Sequence[jax.Array], weights: Sequence[jax.Array], length: int
+) -> tuple[Complex[Array, "frequencies nv nv"], Float[Array, " nv"]]:
+    """Covariance of the blocks' Fourier transforms, the identity for independent errors of size one; and the share that counts.
+
+    Blocks overlap by half. Errors that do not count are zeros, for which the covariance is corrected.
+    """
+    both = [jnp.concatenate([_cut(x[start:], length) for x in parts for start in (0, length // 2)]) for parts in (errors, weights)]
+    blocks, counts = both[0], (both[1] > 0).astype(both[0].dtype)
+    taper = jnp.asarray(np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2, blocks.dtype)
+    waves = jnp.fft.rfft(blocks * taper[None, :, None], axis=1) / np.sqrt(length).item()
+    density = jnp.einsum("bfi,bfj->fij", waves, jnp.conj(waves)) / len(waves)
+    shares = jnp.einsum("bti,btj->ij", counts, counts) / (len(blocks) * length)
+    least = 1.0 / (len(blocks) * length)
+    density = jnp.where(shares[None] > 0, density / jnp.maximum(shares, least)[None].astype(density.dtype), 0.0)
+    return density, jnp.maximum(jnp.diagonal(shares), least)
 
 
 def _rows(parameterization: Parameterization, at: object, sigma: jax.Array, chosen: jax.Array, block: Samples) -> jax.Array:
@@ -177,19 +195,23 @@ def _middle(
     return lax.scan(take_up, jnp.zeros((len(chosen), len(chosen)), phi.dtype), blocks)[0]
 
 
-def inverted(gram: np.ndarray) -> tuple[np.ndarray, float, tuple[dict[int, float], ...]]:
-    """Inverse of the information, the condition number, and the combinations that hardly count."""
+def inverted(gram: np.ndarray) -> tuple[np.ndarray, float, tuple[dict[int, float], ...], np.ndarray]:
+    """Inverse of the information, the condition number, changes that change no signal, and what takes part in them."""
     if not len(gram):
-        return np.zeros((0, 0)), 1.0, ()
-    lengths = np.sqrt(np.diag(gram))
-    scale = np.where(lengths > 0, lengths, 1.0)
-    values, vectors = np.linalg.eigh(gram / scale[:, None] / scale[None, :])
+        return np.zeros((0, 0)), 1.0, (), np.zeros(0, bool)
+    scaled, length = scaled_gram(gram)
+    values, vectors = np.linalg.eigh(scaled)
     kept = values > UNEXCITED**2 * values[-1]
-    weak = tuple(_shares(column / scale) for column in vectors[:, ~kept].T)
-    turned = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
-    return turned @ turned.T, float(np.sqrt(values[-1] / max(values[0], 1e-32 * values[-1]))), weak
+    loose = vectors[:, ~kept]
+    turned = vectors[:, kept] / np.sqrt(values[kept]) / length[:, None]
+    scale = np.where(np.isfinite(length), length, 1.0)
+    weak = tuple(_shares(column, scale) for column in loose.T)
+    condition = float(np.sqrt(values[-1] / max(values[0], 1e-32 * values[-1], 1e-300)))
+    return turned @ turned.T, condition, weak, np.sum(loose**2, 1) > 1e-6
 
 
-def _shares(row: np.ndarray) -> dict[int, float]:
-    order = [int(i) for i in np.argsort(-np.abs(row)) if abs(row[i]) > 0.1 * np.abs(row).max()]
-    return {i: float(row[i]) for i in order}
+def _shares(column: np.ndarray, scale: np.ndarray) -> dict[int, float]:
+    """A change of unit columns as one of the parameters themselves."""
+    order = [int(i) for i in np.argsort(-np.abs(column)) if abs(column[i]) > 1e-3]
+    changes = column / scale
+    return {i: float(changes[i] / changes[order[0]]) for i in order}

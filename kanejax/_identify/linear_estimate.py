@@ -1,5 +1,6 @@
 """The linear stage: base parameters by least squares, without regard to what rigid bodies can have."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
@@ -23,6 +24,8 @@ _LAST = ("Iyy", "mcz", "m")
 _LEAST = 1e-10
 # A combination of base parameters is not excited if it moves the signals this little beside others.
 UNEXCITED = 1e-6
+# A column is nothing but rounding errors if it is this small beside the largest.
+_ROUNDING = 1e-12
 _ROUNDS = 100
 
 
@@ -35,6 +38,7 @@ class LinearEstimate(NamedTuple):
         covariance: of `value`, if errors are independent, (nbase, nbase).
         sigma: standard deviation of the errors of each signal, (nv,).
         condition_number: of the regressor, each row divided by its signal's standard deviation and each column by its length.
+        converged: whether weighting again would change nothing that matters.
         phi: all parameters: of those that have these base parameters, the nearest to the nominal ones.
         compressed: the data, linearised and reduced.
     """
@@ -44,6 +48,7 @@ class LinearEstimate(NamedTuple):
     covariance: Float[np.ndarray, "nbase nbase"]
     sigma: Float[Array, " nv"]
     condition_number: float
+    converged: bool
     phi: Float[Array, " n"]
     compressed: Compressed
 
@@ -80,6 +85,7 @@ def linear_estimate(
     # Again about the solution, see compress.
     compressed = compress(parameterization, nearest(value), samples)
     value, covariance, condition = _solved(base, compressed, sigma)
+    converged = method == "ordinary"
     for _ in range(_ROUNDS if method != "ordinary" else 0):
         phi = nearest(value)
         if method == "huber":
@@ -89,28 +95,38 @@ def linear_estimate(
             sigma = error_scale(compressed, phi, len(base), sizes)
         before, (value, covariance, condition) = value, _solved(base, compressed, sigma)
         if np.all(np.abs(value - before) <= 1e-4 * np.sqrt(np.diag(covariance)) + 1e-14 * np.abs(value)):
+            converged = True
             break
     phi = nearest(value)
     if method == "ordinary":
         sigma = jnp.full_like(sizes, jnp.sqrt(jnp.sum(sums_of_squares(compressed, phi)) / (jnp.sum(compressed.count) - len(base))))
         sigma = jnp.maximum(sigma, _LEAST * sizes)
         value, covariance, condition = _solved(base, compressed, sigma)
-    return LinearEstimate(base, value, covariance, sigma, condition, phi, compressed)
+    return LinearEstimate(base, value, covariance, sigma, condition, converged, phi, compressed)
 
 
 def identifiable(parameterization: Parameterization, phi: jax.Array | None = None, *, seed: int = 0) -> BaseParameters:
     """Group what is sought into what motion can tell apart, at random states: by the regressor of the signals at `phi`."""
-    tree, names = parameterization.tree, parameterization.names
+    names = parameterization.names
     with jax.enable_x64(True):
         wide = jax.tree.map(lambda x: x.astype(jnp.float64) if hasattr(x, "astype") else x, parameterization)
-        at = linearization(wide, wide.phi0 if phi is None else phi.astype(jnp.float64))
-        plant = wide.assemble(wide.phi0)[0]
-        states = random_states(plant.model, enough_states(len(names), plant.model), seed)
+        at_phi = wide.phi0 if phi is None else phi.astype(jnp.float64)
+        model = wide.given.model
+        q, u, u_dot = random_states(model, 2 * enough_states(len(names), model), seed)
+        # Slow ones too: shapes of friction curves show nowhere else.
+        u = u * jnp.asarray(10.0 ** np.random.default_rng(seed).uniform(-3.0, 0.0, (len(u), 1)))
+        states = (q, u, u_dot)
         delay = names.index("delay") if "delay" in names else None
-        rates = random_states(plant.model, len(states[0]), seed + 1)
+        rates = random_states(model, len(q), seed + 1)
         samples = Samples(*states, jnp.zeros_like(states[1]), jnp.ones_like(states[1]), rates)
-        rows = jax.jit(jax.vmap(lambda sample: predicted_with_derivative(tree, at, sample, delay)[1]))(samples)
+        rows = _rows(wide, at_phi, samples, delay)
     return grouped(np.asarray(rows).reshape(-1, len(names)), names, _order(names))
+
+
+@functools.partial(jax.jit, static_argnames="delay")
+def _rows(parameterization: Parameterization, phi: jax.Array, samples: Samples, delay: int | None) -> jax.Array:
+    at = linearization(parameterization, phi)
+    return jax.vmap(lambda sample: predicted_with_derivative(parameterization.tree, at, sample, delay)[1])(samples)
 
 
 def _nearest(parameterization: Parameterization, base: BaseParameters) -> Callable[[np.ndarray], jax.Array]:
@@ -141,20 +157,25 @@ def robust_scale(errors: jax.Array, weight: jax.Array, sizes: jax.Array) -> Floa
     return jnp.maximum(1.4826 * jnp.where(jnp.isnan(median), 0.0, median), _LEAST * sizes)
 
 
+def scaled_gram(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Products of columns of length one, and the lengths; columns that are no more than rounding errors become zero."""
+    length = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    length = np.where(length > _ROUNDING * length.max(initial=0.0), length, np.inf)
+    return gram / length[:, None] / length[None, :], length
+
+
 def _solved(base: BaseParameters, compressed: Compressed, sigma: jax.Array) -> tuple[np.ndarray, np.ndarray, float]:
     """Base parameters, their covariance, and the condition number."""
     products = np.asarray(jnp.sum(compressed.products / jnp.square(sigma)[:, None, None], 0), float)
     own = base.independent
-    gram, target = products[np.ix_(own, own)], products[own, -1]
-    length = np.sqrt(np.diag(gram))
-    length = np.where(length > 0, length, 1.0)
-    values, vectors = np.linalg.eigh(gram / length[:, None] / length[None, :])
+    scaled, length = scaled_gram(products[np.ix_(own, own)])
+    values, vectors = np.linalg.eigh(scaled)
     # What the data do not excite at all stays as it is: `information` names it.
     kept = values > UNEXCITED**2 * values.max(initial=0.0)
     turned = vectors[:, kept] / np.sqrt(values[kept]) / length[:, None]
     condition = float(np.sqrt(values.max(initial=1.0) / max(values.min(initial=1.0), 1e-32)))
     start = base.matrix @ np.asarray(compressed.center, float)
-    return start + turned @ (turned.T @ target), turned @ turned.T, condition
+    return start + turned @ (turned.T @ products[own, -1]), turned @ turned.T, condition
 
 
 def _order(names: Sequence[str]) -> list[int]:

@@ -33,7 +33,7 @@ class Samples(NamedTuple):
         q, u, u_dot: the motion at the time that the signal belongs to, (n, ...).
         effort: measured signals, (n, nv).
         weight: 0 for signals that do not count, otherwise 1, (n, nv).
-        q_dot, u_rate, u_dot_rate: rates of the three, for the delay; None where it is not sought.
+        rates: of q, u and u_dot, for the delay; None where it is not sought.
     """
 
     q: jax.Array
@@ -78,8 +78,10 @@ def predicted_with_derivative(
     """The signals at one state, and their derivative; `delay` is the index of that parameter, if it is sought."""
     state = sample.q, sample.u, sample.u_dot
     value = predicted(tree, at, *state)
-    by_leaves = jax.jacrev(lambda leaves: _signals(tree, leaves, at.fixed, *state))(at.leaves)
-    columns = [by_leaves[name].reshape(tree.nv, -1) for name in at.leaves]
+    columns = []
+    if at.leaves:
+        by_leaves = jax.jacrev(lambda leaves: _signals(tree, leaves, at.fixed, *state))(at.leaves)
+        columns = [by_leaves[name].reshape(tree.nv, -1) for name in at.leaves]
     wide = jnp.concatenate(columns, 1) if columns else jnp.zeros((tree.nv, 0), value.dtype)
     derivative = jnp.matmul(wide, at.matrix, precision="highest")
     if delay is not None and sample.rates is not None:

@@ -73,7 +73,13 @@ class Motion(eqx.Module):
         return len(self.ts)
 
     def __getitem__(self, samples: slice) -> "Motion":
-        """Some of the samples: `motion[100:]`, `motion[::2]`."""
+        """Some of the samples: `motion[100:]`, `motion[::2]`.
+
+        Raises:
+            TypeError: it is no slice.
+        """
+        if not isinstance(samples, slice):
+            raise TypeError(f"motion {self.name!r} takes slices, such as motion[100:200], not {samples!r}")
         return jax.tree.map(lambda array: array[samples], self)
 
     def at(self, times: Float[Array, " m"]) -> "Motion":

@@ -11,7 +11,7 @@ from kanejax._identify.parameterization import Parameterization
 from kanejax._identify.plant import Drives, Plant
 from kanejax._model.model import Model
 
-Determined = Literal["alone", "in combination", "not at all"]
+Determined = Literal["alone", "in combination", "not at all", "not by these data"]
 
 
 class Estimate(NamedTuple):
@@ -42,7 +42,11 @@ class BaseEstimates(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """One stage of the identification: how it ended, its cost, and the root mean square of each signal's residuals."""
+    """One stage of the identification: how it ended, its cost, and the size of its residuals.
+
+    `rms` is of each signal's residuals, in a robust fit a standard deviation from their median; of the stage "simulation", of the
+    coordinates' residuals.
+    """
 
     name: str
     converged: bool

@@ -4,10 +4,39 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from kanejax._errors import LogError
 from kanejax._identify.linearization import Samples
 from kanejax._identify.motion import Motion
+
+
+def check_motions(motions: Sequence[Motion]) -> None:
+    """Refuse what no fit could use.
+
+    Raises:
+        LogError: a number that counts is not finite, a weight is neither 0 nor 1, nothing counts, or periods differ.
+    """
+    for motion in motions:
+        weight = np.asarray(motion.weight)
+        if not np.all((weight == 0) | (weight == 1)):
+            raise LogError(f"motion {motion.name!r}: weights must be 0 or 1, but {np.unique(weight)[:5]} occur")
+        for name in ("q", "u", "u_dot", "effort"):
+            values = np.asarray(getattr(motion, name))
+            bad = ~np.isfinite(values) & ((weight > 0) if name == "effort" else True)
+            if np.any(bad):
+                row, column = np.argwhere(bad)[0]
+                raise LogError(
+                    f"motion {motion.name!r}: {name}[{row}, {column}] is {values[row, column]}; remove the sample"
+                    + (", or give it weight 0" if name == "effort" else "")
+                )
+    if motions and not any(np.any(np.asarray(motion.weight) > 0) for motion in motions):
+        raise LogError("no signal of any motion counts: all weights are 0")
+    periods = [float(np.median(np.diff(np.asarray(motion.ts, float)))) for motion in motions]
+    if motions and max(periods) > 1.05 * min(periods):
+        listed = ", ".join(f"{motion.name!r} {period:.4g} s" for motion, period in zip(motions, periods, strict=True))
+        raise LogError(f"motions have different periods: {listed}; sample them alike, with the option `rate` of motions")
 
 
 def samples_of(motions: Sequence[Motion], delay: Float[Array, ""] | None = None) -> Samples:

@@ -15,7 +15,7 @@ _SHOWN = 12
 
 
 def determined(base: BaseParameters, index: int) -> Determined:
-    """Whether the data can determine a parameter alone."""
+    """Whether motion can determine a parameter alone."""
     if base.alone(index) is not None:
         return "alone"
     return "in combination" if base.group(index) else "not at all"
@@ -25,6 +25,7 @@ def sentences(
     base: BaseParameters,
     estimates: BaseEstimates,
     weak: Sequence[dict[int, float]],
+    unexcited: np.ndarray,
     stages: Sequence[Stage],
     relative_rms: float,
     consistency: np.ndarray,
@@ -35,20 +36,23 @@ def sentences(
     Args:
         base: what motion can tell apart.
         estimates: of the base parameters.
-        weak: combinations of them that the data hardly excite.
+        weak: changes of them that change no signal.
+        unexcited: those that take part in such changes.
         stages: how they ended.
         relative_rms: of the residuals beside the signals.
-        consistency: smallest eigenvalue of each body's pseudo-inertia over its trace.
-        body_names: names of the bodies.
+        consistency: smallest eigenvalue of the pseudo-inertia over its trace, of bodies whose inertia was sought.
+        body_names: their names.
     """
     said = [f"The stage {stage.name!r} did not converge: {stage.message}." for stage in stages if not stage.converged]
     kinds = [determined(base, i) for i in range(len(base.names))]
     together = [name for name, kind in zip(base.names, kinds, strict=True) if kind == "in combination"]
     nothing = [name for name, kind in zip(base.names, kinds, strict=True) if kind == "not at all"]
-    if relative_rms < _PERFECT and (together or nothing or weak):
+    loose = {name for i in range(len(base)) if unexcited[i] for name in [base.names[base.independent[i]]]}
+    open_ = len({*together, *nothing, *loose})
+    if relative_rms < _PERFECT and open_:
         said.append(
-            f"The fit is perfect, and yet {len(together) + len(nothing)} of {len(base.names)} parameters are not determined by "
-            "it: any others with the same base parameters fit as well. Their values come from the nominal model and the priors."
+            f"The fit is perfect, and yet {open_} of {len(base.names)} parameters are not determined by it: others fit as well. "
+            "Their values come from the nominal model and the priors."
         )
     for formula, own, row in zip(base.formulas, base.independent, base.matrix, strict=True):
         others = [base.names[i] for i in np.flatnonzero(row) if i != own]
@@ -58,8 +62,8 @@ def sentences(
     if nothing:
         said.append(f"No signal depends on {_listed(nothing)}.")
     for shares in weak:
-        named = " and ".join(f"({share:+.2g}) {estimates.formulas[i]}" for i, share in list(shares.items())[:_SHOWN])
-        said.append(f"The data do not excite {named}: its value comes from the nominal model and the priors.")
+        named = _listed(f"{base.names[base.independent[i]]} by {share:.3g}" for i, share in shares.items())
+        said.append(f"These data do not excite everything: changing {named} at once changes no signal.")
     zero = [
         formula
         for formula, value, std in zip(estimates.formulas, estimates.value, estimates.std, strict=True)

@@ -211,4 +211,21 @@ def test_a_motion_of_one_joint_leaves_the_others_unknown(sought, base):
     linear = linear_estimate(sought, samples, base=base)
     said = information(sought, linear.phi, linear.sigma, base, [samples], [residuals(sought, linear.phi, samples)], 0.01)
     assert len(said.weak) > 5
+    assert said.unexcited.sum() > 10
     assert np.all(np.isfinite(linear.value))
+
+
+def test_missing_signals_do_not_narrow_the_intervals(sought, base):
+    """Nor does one short run among long ones."""
+    motion = recorded_arm(0.05)
+    rng = np.random.default_rng(2)
+    counts = jnp.asarray(rng.uniform(size=motion.effort.shape) < 0.4, float)
+    samples = samples_of([motion])._replace(weight=counts)
+    linear = linear_estimate(sought, samples, base=base)
+    left = residuals(sought, linear.phi, samples)
+    said = information(sought, linear.phi, linear.sigma, base, [samples], [left], 0.01)
+    ratio = np.median(np.sqrt(np.diag(said.covariance) / np.diag(said.white)))
+    assert 0.9 < ratio < 1.5
+    short = jax.tree.map(lambda x: x[:5], samples)
+    again = information(sought, linear.phi, linear.sigma, base, [samples, short], [left, left[:5]], 0.01)
+    np.testing.assert_allclose(np.diag(again.covariance), np.diag(said.covariance), rtol=0.2)

@@ -208,3 +208,49 @@ def test_nothing_to_fit():
 def test_unknown_parameters_are_listed(exact):
     with pytest.raises(kj.UnknownNameError, match=r"no identified parameter is named 'mass'; the names are: 'base_link.m'"):
         exact["mass"]
+
+
+def test_robust_intervals_are_those_of_the_robust_estimate():
+    motion = recorded_arm(0.02)
+    effort = np.array(motion.effort)
+    effort[::20] += 50.0
+    bad = kj.Motion(motion.ts, motion.q, motion.u, motion.u_dot, effort)
+    options = {"friction_width": None, "robust": True}
+    clean, robust = (kj.identify(nominal(), data, **options) for data in (motion, bad))
+    assert np.median(robust.base.std / clean.base.std) < 1.5
+    truth = _base_values(robust)
+    assert np.mean(np.abs(robust.base.value - truth) < 3 * robust.base.std) > 0.8
+
+
+def test_what_has_no_effect_at_the_start_may_have_one_at_the_end():
+    """The Stribeck speed does not matter as long as there is no Stribeck friction."""
+    plant = kj.Plant(arm(), kj.Drives.ideal(arm()).replace(stribeck_friction=0.5, stribeck_speed=0.2, offset=OFFSETS))
+    ts, q, u, u_dot = motion_of_arm()
+    signals = jax.jit(jax.vmap(kj.signal, (None, 0, 0, 0)))(plant, *map(jnp.asarray, (q, u, u_dot)))
+    start = kj.Plant(arm(), kj.Drives.ideal(arm()).replace(offset=OFFSETS))
+    found = kj.identify(start, kj.Motion(ts, q, u, u_dot, signals), ("stribeck_friction", "stribeck_speed"))
+    assert found.converged, found.stages
+    assert found["elbow.stribeck_speed"].value == pytest.approx(0.2, rel=1e-4)
+    assert found["elbow.stribeck_speed"].determined == "alone"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"effort": lambda x: x.at[3, 1].set(jnp.nan)}, r"effort\[3, 1\] is nan; remove the sample, or give it weight 0"),
+        ({"q": lambda x: x.at[3, 1].set(jnp.inf)}, r"q\[3, 1\] is inf; remove the sample$"),
+        ({"weight": lambda x: 0.5 * x}, "weights must be 0 or 1"),
+        ({"weight": jnp.zeros_like}, "no signal of any motion counts"),
+    ],
+)
+def test_data_that_no_fit_can_use(change, message):
+    motion = recorded_arm()
+    arrays = {name: getattr(motion, name) for name in ("ts", "q", "u", "u_dot", "effort", "weight")}
+    arrays |= {name: function(arrays[name]) for name, function in change.items()}
+    with pytest.raises(kj.LogError, match=message):
+        kj.identify(nominal(), kj.Motion(**arrays))
+
+
+def test_different_periods():
+    with pytest.raises(kj.LogError, match="different periods"):
+        kj.identify(nominal(), [recorded_arm(), recorded_arm(rate=50.0)])

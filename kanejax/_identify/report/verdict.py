@@ -94,14 +94,15 @@ def _spread(found: np.ndarray, nominal: np.ndarray) -> str:
 
 def _determined(identification: Identification) -> Finding:
     ways = [estimate.determined for estimate in identification.estimates]
-    counts = {way: ways.count(way) for way in ("alone", "in combination", "not at all")}
-    base = identification.base
+    counts = {way: ways.count(way) for way in ("alone", "in combination", "not at all", "not by these data")}
+    base, quiet = identification.base, counts["not by these data"]
+    unexcited = f"; {quiet} these data do not excite" if quiet else ""
     text = (
         f"Of {len(ways)} parameters the motion determines {counts['alone']} alone and {counts['in combination']} only in "
-        f"combination with others; {counts['not at all']} it does not determine at all. It can tell apart {len(base.formulas)} "
+        f"combination with others; {counts['not at all']} it does not determine at all{unexcited}. It can tell apart {len(base.formulas)} "
         f"base parameters, with a condition number of {base.condition_number:.3g}."
     )
-    return Finding("note" if counts["in combination"] or counts["not at all"] else "good", text)
+    return Finding("note" if counts["in combination"] or counts["not at all"] or quiet else "good", text)
 
 
 def _listed(names: object) -> str:
