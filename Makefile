@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.cache/jax
 
-.PHONY: demo test lint validate benchmark experiments clean
+.PHONY: demo test lint validate benchmark experiments identification clean
 
 demo: $(VENV)/.demo  ## load, validate, simulate and differentiate a real robot; writes results/demo.png
 	$(BIN)/python experiments/demo.py
@@ -25,6 +25,9 @@ benchmark: $(VENV)/.benchmark  ## run and compile times beside Pinocchio, MuJoCo
 
 experiments: $(VENV)/.demo  ## the results and claims of Nie's thesis; pictures and numbers go to results/thesis; a few minutes
 	$(BIN)/python -m experiments.thesis
+
+identification: $(VENV)/.demo  ## a designed motion, a simulated study and a real arm; goes to results/identification; ten minutes
+	$(BIN)/python -m experiments.identification
 
 clean:
 	rm -rf $(VENV) .cache results

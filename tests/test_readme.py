@@ -21,7 +21,7 @@ def test_the_example_runs_as_printed(tmp_path, monkeypatch):
     robot = next(file for file in files if file.name == "ur10_robot.urdf")
     shutil.copy(str(robot.locate()), tmp_path)
     monkeypatch.chdir(tmp_path)
-    (code,) = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+    code, *_ = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
     names: dict = {}
     exec(code, names)
     assert names["tau"].shape == (6,)

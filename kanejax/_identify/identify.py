@@ -35,6 +35,7 @@ STAGES = (INVERSE_DYNAMICS, SIMULATION)
 UNKNOWNS = ("inertia", "damping", "coulomb_friction", "offset")
 # What "inertia" stands for: bodies known to a factor of some ten, which decides only about what the data say next to nothing of.
 _PRIOR = Entropic(3.0)
+_WIDTH_FOR_DELAY = 0.01
 
 
 class _Problem(NamedTuple):
@@ -91,13 +92,15 @@ def identify(
         unknowns: what is sought: leaves by name, or `Unknown` for a part of one, with bounds and priors. "inertia" stands for that
             of all moving bodies with the prior `Entropic(3.0)`.
         validation: a log or motions to compare with that are not fitted; or the fraction of each run, at its end, to hold out.
-        motion_options: of `motions`, which filters and differentiates logs. The signals to validate with are not filtered.
+        motion_options: of `motions`, which filters and differentiates logs. The signals to validate with are not filtered, but at
+            irregular times they are resampled like the others.
         stages: which, in order.
         simulation_options: of the stage "simulation": such as `windows`, `control` and `substeps` of `fit_simulation`.
         robust: let errors far out count less, by Huber's function, in the stage "inverse dynamics".
         friction_width: where Coulomb friction is sought and its width is not: the width in the stage "inverse dynamics", relative
             to each joint's greatest recorded speed. Inverse dynamics is no harder for friction that sets in at once, but a
-            simulation is: it takes the model's widths, and so does the first stage with None.
+            simulation is: it takes the model's widths, and so does the first stage with None. Where the delay is sought it is at
+            least 0.01, for sharp steps of friction tell a delay only from nearby.
         anneal: factors on the widths of friction that the stage "simulation" goes through before it takes them as they are, such
             as (10.0, 3.0): friction that sets in gently has gradients also from afar.
         starts: how many random starts to try; the first is the nominal plant.
@@ -219,7 +222,8 @@ def _problem(
     plant = nominal
     if friction_width is not None and "coulomb_friction" in leaves and "friction_width" not in leaves:
         greatest = jnp.max(jnp.stack([jnp.max(jnp.abs(motion.u), 0) for motion in training]), 0)
-        width = jnp.where(greatest > 0, friction_width * greatest, plant.model.friction_width)
+        relative = max(friction_width, _WIDTH_FOR_DELAY) if "delay" in leaves else friction_width
+        width = jnp.where(greatest > 0, relative * greatest, plant.model.friction_width)
         plant = eqx.tree_at(lambda p: p.model, plant, plant.model.replace(friction_width=width))
     known = parameterization(nominal, specified)
     if "delay" in leaves:

@@ -4,8 +4,8 @@ Errors of real signals are not independent from sample to sample, and intervals 
 estimate's covariance is A^-1 M A^-1 with the information A = J^T J of the scaled regressor and M = J^T C J for the errors'
 covariance C (White 1980). Errors are taken as stationary: then C is their cross-spectral density S(f), and with
 J(f) the discrete Fourier transform of a block of rows, M is the sum over blocks and frequencies of J(f)^H S(f) J(f). The density
-is the mean over the blocks' residuals (Welch 1967). Residuals are smaller than errors by what the fit has taken up: they are
-divided by one less the leverage of their signal at each frequency, which errs on the safe side (MacKinnon and White 1985, HC3).
+is the mean over the blocks' residuals (Welch 1967). Residuals are smaller than errors by what the fit has taken up: their density
+is divided by one less the leverage of each signal at each frequency (MacKinnon and White 1985, HC2).
 """
 
 from collections.abc import Sequence
@@ -60,7 +60,7 @@ def information(
     sigma: Float[Array, " nv"],
     base: BaseParameters,
     runs: Sequence[Samples],
-    errors: Sequence[Float[Array, "samples nv"]],
+    errors: Sequence[Float[Array, "_ nv"]],
     period: float,
     robust: bool = False,
 ) -> Information:
@@ -92,7 +92,7 @@ def information(
     inverse, condition, weak, unexcited = inverted(np.asarray(_gram(parameterization, phi, sigma, chosen, inner), float))
     leverage = _leverage(parameterization, phi, sigma, chosen, blocks, jnp.asarray(inverse, phi.dtype)) / share[None]
     # Where a signal's errors are nearly all taken up, there is nothing to give them back from.
-    left = jnp.clip(1.0 - leverage, 0.1, 1.0).astype(density.dtype)
+    left = jnp.sqrt(jnp.clip(1.0 - leverage, 0.1, 1.0)).astype(density.dtype)
     density = density / left[:, :, None] / left[:, None, :]
     middle = np.asarray(_middle(parameterization, phi, sigma, chosen, blocks, density), float)
     covariance = inverse @ middle @ inverse

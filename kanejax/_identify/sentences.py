@@ -71,6 +71,13 @@ def sentences(
     ]
     if zero:
         said.append(f"{len(zero)} of {len(base)} base parameters cannot be told from zero: {_listed(zero)}.")
+    vague = [
+        f"{formula} ({value:.3g} +- {1.96 * std:.2g})"
+        for formula, value, std, row in zip(estimates.formulas, estimates.value, estimates.std, base.matrix, strict=True)
+        if np.count_nonzero(row) == 1 and formula.endswith((".mass", ".m")) and 1.96 * std > abs(value)
+    ]
+    if vague:
+        said.append(f"Of these masses the data say next to nothing: {_listed(vague)}.")
     for name, eigenvalue in zip(body_names, consistency, strict=True):
         if 0 < eigenvalue < _EDGE:
             said.append(f"Body {name!r} is at the edge of what a rigid body can be: the data ask for less inertia than any has.")

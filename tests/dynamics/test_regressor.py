@@ -2,11 +2,12 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
 from helpers.mechanisms import random_states, random_tree, relative
 
 import kanejax as kj
+
+pin = pytest.importorskip("pinocchio")
 
 # Pinocchio lists m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
 PINOCCHIO_ORDER = [0, 1, 2, 3, 4, 7, 5, 8, 9, 6]

@@ -41,9 +41,9 @@ def efforts(model: kj.Model, q: np.ndarray, u: np.ndarray, u_dot: np.ndarray) ->
     return np.asarray(force) + OFFSETS
 
 
-def recorded_arm(noise: float = 0.0, seed: int = 0, **options: float) -> kj.Motion:
+def recorded_arm(noise: float = 0.0, seed: int = 0, rate: float = 100.0, duration: float = 10.0) -> kj.Motion:
     """A motion of the arm with its torques, to which noise of this part of their size is added."""
-    ts, q, u, u_dot = motion_of_arm(**options)
+    ts, q, u, u_dot = motion_of_arm(rate, duration)
     torque = efforts(arm(), q, u, u_dot)
     size = np.sqrt(np.mean(torque**2, 0))
     return kj.Motion(ts, q, u, u_dot, torque + noise * size * np.random.default_rng(seed).normal(size=torque.shape))

@@ -366,7 +366,7 @@ def test_says_what_cannot_be_kept(model):
 
 
 def test_refuses_what_makes_no_sense(model):
-    def refused(match, error=ValueError, of=model, **changes):
+    def refused(match: str, error: type[Exception] = ValueError, of=model, **changes):
         with pytest.raises(error, match=match):
             excitation(of, **{**OPTIONS, "max_steps": 0, **changes})
 

@@ -171,7 +171,8 @@ def correlated(rng, shape, memory):
 @pytest.mark.parametrize("memory", [0.0, 0.9])
 def test_intervals_cover_what_they_promise(sought, base, memory):
     """Over many recordings with white or coloured noise; with the latter, intervals for white noise cover far too little."""
-    ts, q, u, u_dot = motion_of_arm()
+    # Errors that last for a fifth of a second need more time to be known than independent ones.
+    ts, q, u, u_dot = motion_of_arm(100.0, 30.0 if memory else 10.0)
     torque = efforts(arm(), q, u, u_dot)
     size = 0.05 * np.sqrt(np.mean(torque**2, 0))
     expected, rng = base.matrix @ true_phi(sought), np.random.default_rng(5)

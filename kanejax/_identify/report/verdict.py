@@ -99,8 +99,8 @@ def _determined(identification: Identification) -> Finding:
     unexcited = f"; {quiet} these data do not excite" if quiet else ""
     text = (
         f"Of {len(ways)} parameters the motion determines {counts['alone']} alone and {counts['in combination']} only in "
-        f"combination with others; {counts['not at all']} it does not determine at all{unexcited}. It can tell apart {len(base.formulas)} "
-        f"base parameters, with a condition number of {base.condition_number:.3g}."
+        f"combination with others; {counts['not at all']} it does not determine at all{unexcited}. It can tell apart "
+        f"{len(base.formulas)} base parameters, with a condition number of {base.condition_number:.3g}."
     )
     return Finding("note" if counts["in combination"] or counts["not at all"] or quiet else "good", text)
 
