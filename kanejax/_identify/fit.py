@@ -155,7 +155,7 @@ def _fit_linear(signals: _Signals, thetas: jax.Array, max_rounds: int, progress:
         found, reached = _solved(parameterization, combined(compressed, sigma), thetas, compressed.center, 0.0, held)
         if not history:
             costs = np.asarray(reached, float)
-        theta = found[int(jnp.nanargmin(reached))]
+        theta = _polished(parameterization, combined(compressed, sigma), compressed.center, found[int(jnp.nanargmin(reached))])
         new, thetas = parameterization.phi(theta), theta[None]
         change = _change(compressed, sigma, phi, new)
         phi, before = new, sigma
@@ -231,13 +231,11 @@ def _solved(
 
     `damping` holds phi near to where the data were linearised, and what is `held` right there.
     """
-    columns, target = root[:, :-1], root[:, -1]
-    lengths = jnp.linalg.norm(columns, axis=0)
+    lengths = jnp.linalg.norm(root[:, :-1], axis=0)
 
     def errors(theta: jax.Array, _: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
-        change = parameterization.phi(theta) - center
-        spring = jnp.sqrt(jnp.asarray(damping, change.dtype)) * jnp.where(held, 1e6, 1.0) * lengths * change
-        return target - jnp.matmul(columns, change, precision="highest"), parameterization.prior(theta), spring
+        spring = jnp.sqrt(jnp.asarray(damping, theta.dtype)) * jnp.where(held, 1e6, 1.0) * lengths
+        return *_errors(parameterization, root, center, theta), spring * (parameterization.phi(theta) - center)
 
     tolerance = 1e-10 if thetas.dtype == jnp.float64 else 1e-5
     # Normal equations for the steps: the residuals, which say where they end, are not squared.
@@ -250,6 +248,40 @@ def _solved(
         return value, jnp.where(jnp.isfinite(cost), cost, jnp.inf)
 
     return jax.vmap(solve)(thetas)
+
+
+def _errors(
+    parameterization: Parameterization, root: jax.Array, center: jax.Array, theta: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Residuals of the data, and of the priors."""
+    change = parameterization.phi(theta) - center
+    return root[:, -1] - jnp.matmul(root[:, :-1], change, precision="highest"), parameterization.prior(theta)
+
+
+@jax.jit
+def _system(
+    parameterization: Parameterization, root: jax.Array, center: jax.Array, theta: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """All residuals, and their derivatives."""
+
+    def errors(theta: jax.Array) -> jax.Array:
+        return jnp.concatenate(_errors(parameterization, root, center, theta))
+
+    return errors(theta), jax.jacfwd(errors)(theta)
+
+
+def _polished(parameterization: Parameterization, root: jax.Array, center: jax.Array, theta: jax.Array) -> jax.Array:
+    """Theta after steps of Gauss and Newton by orthogonal transformations, for what normal equations leave of exact data."""
+    for _ in range(3):
+        error, columns = (np.asarray(x, float) for x in _system(parameterization, root, center, theta))
+        length = np.linalg.norm(columns, axis=0)
+        length = np.where(length > 0, length, 1.0)
+        new = theta - jnp.asarray(np.linalg.lstsq(columns / length, error, rcond=None)[0] / length, theta.dtype)
+        after = np.asarray(_system(parameterization, root, center, new)[0], float)
+        if not np.sum(after**2) < np.sum(error**2):
+            break
+        theta = new
+    return theta
 
 
 @jax.jit

@@ -84,7 +84,7 @@ def test_exact_data_give_exact_base_parameters(sought, base):
     np.testing.assert_allclose(linear.value, expected, atol=1e-11 * np.abs(expected).max())
     fit = fit_inverse_dynamics(sought, samples)
     assert fit.converged, fit.message
-    np.testing.assert_allclose(base.matrix @ np.asarray(fit.phi), expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(base.matrix @ np.asarray(fit.phi), expected, rtol=1e-8, atol=1e-11 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("method", ["ordinary", "weighted", "huber"])
