@@ -4,7 +4,8 @@ Plain vmap of a recursion evaluates each scalar for the whole batch. Beyond a fe
 cache, and the run time becomes that of main memory. Here the batching rule runs the recursion over chunks that stay
 in the cache (on a CPU; elsewhere over the whole batch at once), with the batch as the last, contiguous axis. Derivatives are
 the same primitive again: of the linearised function, and of its transpose, which recomputes what it needs for one chunk
-instead of storing it for all, and adds up the gradients of what the batch shares.
+instead of storing it for all, and adds up the gradients of what the batch shares. Many directions at one point share what
+depends on the point alone, so that Jacobians cost a fraction of their columns.
 
 A kernel is a pure function of arrays that may have one trailing batch axis, of size 1 or of the batch's size.
 """
@@ -21,13 +22,14 @@ from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from kanejax._sharding import call_in_parts, result_type, vary_alike
+from kanejax._sharding import call_in_parts, is_split, result_type, vary_alike
 
 CHUNK = 256
 # Chunks of whole vectors: other lengths can take LLVM ten times as long to compile.
 VECTOR = 16
 
 Arrays = tuple[jax.Array, ...]
+Indices = tuple[int, ...]
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
 
 
@@ -52,13 +54,18 @@ class Function:
         """Of the results for one state: found by tracing, once."""
         return _traced_shapes(self, operands)
 
-    def linear_operands(self, total: int) -> tuple[int, ...]:
+    def linear_operands(self, total: int) -> Indices:
         """Operands in which the results are linear, jointly: none."""
         return ()
 
-    def owners(self, total: int) -> tuple[int, ...] | None:
+    def owners(self, total: int) -> Indices | None:
         """The operand that each result is a gradient of: none."""
         return None
+
+    @property
+    def width(self) -> int:
+        """Directions side by side."""
+        return 1
 
 
 @final
@@ -67,7 +74,7 @@ class Tangent:
     """Directional derivative of a kernel: operands are its own, `count` of them, then the tangents of those in `varied`."""
 
     kernel: Any
-    varied: tuple[int, ...]
+    varied: Indices
     count: int
 
     def __call__(self, *operands: jax.Array) -> Arrays:
@@ -81,13 +88,22 @@ class Tangent:
         """Those of the kernel's results."""
         return self.kernel.shapes(operands[: self.count])
 
-    def linear_operands(self, total: int) -> tuple[int, ...]:
+    def linear_operands(self, total: int) -> Indices:
         """The tangents, and what the kernel is linear in."""
         return (*self.kernel.linear_operands(self.count), *range(self.count, total))
 
-    def owners(self, total: int) -> tuple[int, ...] | None:
+    def owners(self, total: int) -> Indices | None:
         """Those of the kernel."""
         return self.kernel.owners(self.count)
+
+    @property
+    def width(self) -> int:
+        """That of the kernel."""
+        return self.kernel.width
+
+    def transposed(self, unknown: Indices, total: int, results: int) -> tuple["Transpose", Indices]:
+        """The kernel that pulls cotangents of the `results` back to the `unknown` tangents, and these, to which they belong."""
+        return Transpose(self.kernel, tuple(self.varied[i - self.count] for i in unknown), self.count), unknown
 
 
 @final
@@ -96,7 +112,7 @@ class Transpose:
     """Transposed derivative of a kernel: operands are its own, then the cotangents of its results; results are gradients."""
 
     kernel: Any
-    varied: tuple[int, ...]
+    varied: Indices
     count: int
 
     def __call__(self, *operands: jax.Array) -> Arrays:
@@ -110,13 +126,65 @@ class Transpose:
         """Those of what the gradients are of."""
         return tuple(operands[i] for i in self.varied)
 
-    def linear_operands(self, total: int) -> tuple[int, ...]:
+    def linear_operands(self, total: int) -> Indices:
         """The cotangents, and what the kernel is linear in."""
         return (*self.kernel.linear_operands(self.count), *range(self.count, total))
 
-    def owners(self, total: int) -> tuple[int, ...] | None:
+    def owners(self, total: int) -> Indices | None:
         """The operands that are varied."""
         return self.varied
+
+    @property
+    def width(self) -> int:
+        """That of the kernel."""
+        return self.kernel.width
+
+    def transposed(self, unknown: Indices, total: int, results: int) -> tuple["Tangent", Indices]:
+        """The kernel that pushes tangents forward, and the operands to which its results belong: all cotangents."""
+        return Tangent(self.kernel, self.varied, self.count), tuple(range(self.count, total))
+
+
+@final
+@dataclasses.dataclass(frozen=True)
+class Fan:
+    """A derivative in several directions at one point, which come first in results and in operands that are `widened`."""
+
+    kernel: "Tangent | Transpose | Fan"
+    widened: Indices
+    directions: int
+
+    def __call__(self, *operands: jax.Array) -> Arrays:
+        """Evaluate."""
+        axes = tuple(0 if i in self.widened else None for i in range(len(operands)))
+        return jax.vmap(self.kernel.__call__, axes)(*operands)
+
+    def shapes(self, operands: Shapes) -> Shapes:
+        """Those of the derivative, with the directions first."""
+        one = tuple(jax.ShapeDtypeStruct(x.shape[i in self.widened :], x.dtype) for i, x in enumerate(operands))
+        return tuple(jax.ShapeDtypeStruct((self.directions, *x.shape), x.dtype) for x in self.kernel.shapes(one))
+
+    def linear_operands(self, total: int) -> Indices:
+        """Those of the derivative."""
+        return self.kernel.linear_operands(total)
+
+    def owners(self, total: int) -> Indices | None:
+        """Those of the derivative."""
+        return self.kernel.owners(total)
+
+    @property
+    def count(self) -> int:
+        """Operands that make up the point."""
+        return self.kernel.count
+
+    @property
+    def width(self) -> int:
+        """All directions side by side, also those of fans within."""
+        return self.directions * self.kernel.width
+
+    def transposed(self, unknown: Indices, total: int, results: int) -> tuple["Fan", Indices]:
+        """That of the derivative, in all directions: also gradients of operands that these share, which are to be added up."""
+        flipped, wanted = self.kernel.transposed(unknown, total, results)
+        return Fan(flipped, tuple(range(self.count, self.count + results)), self.directions), wanted
 
 
 @functools.lru_cache(maxsize=1024)
@@ -146,6 +214,8 @@ def _run(*operands: jax.Array, kernel: Any, size: int | None, batched: tuple, su
     """Evaluate a call: unbatched, or with the batch on the first axis of operands that are `batched` and results not `summed`."""
     if size is None:
         return list(kernel(*operands))
+    if chunk is not None:
+        chunk = max(chunk // kernel.width, VECTOR)
     if chunk is None or size <= chunk:
         return _run_chunk(operands, kernel, size, batched, summed)
     pieces = -(-size // chunk)
@@ -232,6 +302,8 @@ def _shapes(*operands: Any, kernel: Any, size: int | None, batched: tuple, summe
 
 def _batch(operands: tuple, dims: tuple, *, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> tuple:
     length = next(x.shape[d] for x, d in zip(operands, dims, strict=True) if d is not None)
+    if _is_fan(operands, dims, kernel, length):
+        return _fan_out(operands, dims, length, kernel=kernel, size=size, batched=batched, summed=summed)
     if size is not None:
         return _batch_again(operands, dims, length, kernel=kernel, size=size, batched=batched, summed=summed)
     moving = tuple(d is not None for d in dims)
@@ -243,6 +315,23 @@ def _batch(operands: tuple, dims: tuple, *, kernel: Any, size: int | None, batch
 
     results = call_in_parts(bind, first, moving, length)
     return results, (0,) * len(results)
+
+
+def _is_fan(operands: tuple, dims: tuple, kernel: Any, length: int) -> bool:
+    """Whether these are directions at one point, so few that they fit into a chunk side by side, and on one device."""
+    if isinstance(kernel, Function) or any(d is not None for d in dims[: kernel.count]):
+        return False
+    split = any(d is not None and is_split(x, d) for x, d in zip(operands, dims, strict=True))
+    return not split and length * kernel.width <= CHUNK
+
+
+def _fan_out(operands: tuple, dims: tuple, length: int, *, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> tuple:
+    """Directions come first for each state."""
+    moving = batched or (False,) * len(operands)
+    given = [x if d is None else jnp.moveaxis(x, d, int(inner)) for x, d, inner in zip(operands, dims, moving, strict=True)]
+    fan = Fan(kernel, tuple(i for i, d in enumerate(dims) if d is not None), length)
+    results = _bind(*given, kernel=fan, size=size, batched=batched, summed=summed)
+    return results, tuple(int(size is not None and not adds) for adds in summed) if summed else (0,) * len(results)
 
 
 def _batch_again(operands: tuple, dims: tuple, length: int, *, kernel: Any, size: int, batched: tuple, summed: tuple) -> tuple:
@@ -280,20 +369,27 @@ def _transpose(cotangents: list, *operands: Any, kernel: Any, size: int | None, 
         raise NotImplementedError(f"{kernel} is not linear in operands {unknown}")
     primals, moving = operands[: kernel.count], batched[: kernel.count]
     given = [ad.instantiate_zeros(c) for c in cotangents]
-    if isinstance(kernel, Tangent):
-        flipped = Transpose(kernel.kernel, tuple(kernel.varied[i - kernel.count] for i in unknown), kernel.count)
-        wanted = unknown
-    else:
-        flipped = Tangent(kernel.kernel, kernel.varied, kernel.count)
-        wanted = list(range(kernel.count, len(operands)))
-    if size is None:
-        results = _bind(*primals, *given, kernel=flipped, size=None, batched=(), summed=())
-    else:
+    flipped, wanted = kernel.transposed(tuple(unknown), len(operands), len(given))
+    adds = ()
+    if size is not None:
         moving = (*moving, *(not adds for adds in summed))
         adds = tuple(not batched[i] for i in wanted)
-        results = _bind(*primals, *given, kernel=flipped, size=size, batched=moving, summed=adds)
+    results = _bind(*primals, *given, kernel=flipped, size=size, batched=moving, summed=adds)
+    first = [int(size is not None and batched[i]) for i in wanted]
+    results = [_of_shared(kernel, i, x, axis) for i, x, axis in zip(wanted, results, first, strict=True)]
     found = dict(zip(wanted, results, strict=True))
     return [found[i] if i in unknown else None for i in range(len(operands))]
+
+
+def _of_shared(kernel: Any, i: int, gradient: jax.Array, axis: int) -> jax.Array:
+    """Gradient of operand i from those in all directions, which start at an axis: their sum, where these share the operand."""
+    while isinstance(kernel, Fan):
+        if i in kernel.widened:
+            axis += 1
+        else:
+            gradient = jnp.sum(gradient, axis)
+        kernel = kernel.kernel
+    return gradient
 
 
 def _lowering(chunk: int | None) -> Callable[..., Any]:

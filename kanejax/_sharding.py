@@ -38,6 +38,12 @@ def result_type(shape: tuple[int, ...], dtype: Any, operands: Sequence[Any]) -> 
     return like.update(shape=shape, dtype=dtype, weak_type=False, sharding=sharding)
 
 
+def is_split(operand: Any, axis: int) -> bool:
+    """Whether the type of an operand says that one of its axes is split over devices."""
+    spec = jax.typeof(operand).sharding.spec
+    return axis < len(spec) and spec[axis] is not None
+
+
 def call_in_parts(function: BatchFunction, operands: Sequence[Any], batched: Sequence[bool], size: int) -> list[jax.Array]:
     """`function(operands, size)`, whose results have the batch first, as `batched` operands have it.
 
