@@ -26,7 +26,7 @@ benchmark: $(VENV)/.benchmark  ## run and compile times beside Pinocchio, MuJoCo
 experiments: $(VENV)/.demo  ## the results and claims of Nie's thesis; pictures and numbers go to results/thesis; a few minutes
 	$(BIN)/python -m experiments.thesis
 
-identification: $(VENV)/.demo  ## a designed motion, a simulated study and a real arm; goes to results/identification; ten minutes
+identification: $(VENV)/.demo $(VENV)/.report  ## a designed motion, a simulated study and a real arm; goes to results/identification; ten minutes
 	$(BIN)/python -m experiments.identification
 
 clean:
@@ -36,7 +36,7 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit("kanejax needs Python 3.12 or newer, and PYTHON is %d.%d: make PYTHON=python3.13" % sys.version_info[:2] if sys.version_info < (3, 12) else 0)'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.demo $(VENV)/.test $(VENV)/.lint: $(VENV)/.%: pyproject.toml | $(VENV)/bin/python
+$(VENV)/.demo $(VENV)/.report $(VENV)/.test $(VENV)/.lint: $(VENV)/.%: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$*]'
 	touch $@
 

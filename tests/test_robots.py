@@ -13,7 +13,6 @@ ROBOTS = {
         "ur_description/urdf/ur5_robot.urdf",
         "double_pendulum_description/urdf/double_pendulum_continuous.urdf",
         "solo_description/robots/solo12.urdf",
-        "anymal_c_simple_description/urdf/anymal.urdf",
         "tiago_description/robots/tiago_no_hand.urdf",
         "baxter_description/urdf/baxter.urdf",
         "talos_data/robots/talos_reduced.urdf",
@@ -25,7 +24,7 @@ ROBOTS = {
         "dm_control/suite/humanoid.xml",
     ),
 }
-IN_FLOAT32 = ("panda.urdf", "talos_reduced.urdf")
+IN_FLOAT32 = ("panda.urdf",)
 QUICK = ("panda.urdf", "double_pendulum_continuous.urdf", "talos_reduced.urdf", "fish.xml")
 
 

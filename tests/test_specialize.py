@@ -1,5 +1,7 @@
 """Specialized models compute the same, with all parameters as constants."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -7,7 +9,11 @@ import numpy as np
 import pytest
 
 import kanejax as kj
+from tests.helpers import components
 from tests.helpers.mechanisms import random_states, random_tree, relative
+
+# Leaves that one test or the other keeps.
+LEAVES = ("mass", "com", "central_inertia", "joint_axis", "body_position", "gravity", "armature", "stiffness")
 
 
 def everything(model, q, u, other):
@@ -26,9 +32,15 @@ def test_it_computes_the_same(seed, kinds):
     mj = mujoco.MjModel.from_xml_string(random_tree(seed, 4, kinds))
     model = kj.from_mujoco(mj)
     states = [jnp.asarray(x) for x in random_states(mj, 3)]
-    found, expected = (jax.jit(jax.vmap(everything, (None, 0, 0, 0)))(m, *states) for m in (kj.specialize(model), model))
+    found = jax.jit(jax.vmap(everything, (None, 0, 0, 0)))(kj.specialize(model), *states)
+    expected = one_by_one(jax.jit(functools.partial(everything, model)), states)
     for a, b in zip(found, expected, strict=True):
         assert relative(a, b) < 1e-9
+
+
+def one_by_one(function, states):
+    """What `jax.vmap` over states gives, from a program for one state, which compiles in half the time."""
+    return jax.tree.map(lambda *x: np.stack(x), *(function(*state) for state in zip(*states, strict=True)))
 
 
 def test_it_has_no_leaves_and_keeps_the_data_type():
@@ -45,21 +57,71 @@ def shuffled(seed, kinds=("hinge", "slide", "ball")):
     return kj.from_mujoco(mj), [jnp.asarray(x) for x in random_states(mj, 3)]
 
 
-@pytest.mark.parametrize("keep", [("mass", "com", "central_inertia"), ("joint_axis",), ("gravity", "armature", "stiffness")])
-def test_kept_leaves_are_parameters(keep):
+def combination(results):
+    """Of all components, with unequal weights: its gradient is wrong if that of any of them is."""
+    return sum(jnp.sum(jnp.cos(jnp.arange(x.size)) * x.ravel()) for x in jax.tree.leaves(results))
+
+
+def with_gradients(function, model, states):
+    """Results of one state after the other, and gradients of their combination with respect to LEAVES and to the state.
+
+    In forward mode, one component after the other, by one program for them all.
+    """
+
+    @jax.jit
+    def along(direction, *state):
+        def results(leaves, *state):
+            found = function(model.replace(**leaves), *state)
+            return combination(found), found
+
+        return jax.jvp(results, ({name: getattr(model, name) for name in LEAVES}, *state), direction, has_aux=True)[1:]
+
+    def of_one(*state):
+        point = ({name: getattr(model, name) for name in LEAVES}, *state)
+        nowhere = jax.tree.map(jnp.zeros_like, point)
+        return along(nowhere, *state)[1], components.gradient(lambda direction: along(direction, *state)[0], point)
+
+    return one_by_one(of_one, states)
+
+
+def partly(model, keep):
+    """The model, specialized when the leaves that are kept had other values; and their values."""
+    values = {name: getattr(model, name) for name in keep}
+    return kj.specialize(model.replace(**{name: 0.9 * value - 0.05 for name, value in values.items()}), keep), values
+
+
+def equations(model, q, u, other):
+    return kj.inverse_dynamics(model, q, u, other), kj.forward_dynamics(model, q, u, other)
+
+
+@pytest.fixture(scope="module")
+def dynamics():
     model, states = shuffled(8)
-    some = kj.specialize(model, keep)
-    rng = np.random.default_rng(0)
-    values = {name: getattr(model, name) * (1 + 0.1 * rng.uniform(size=np.shape(getattr(model, name)))) for name in keep}
+    return model, states, *with_gradients(equations, model, states)
 
-    def loss(change, values):
-        functions = (kj.inverse_dynamics, kj.forward_dynamics)
-        return sum(jnp.sum(jax.vmap(function, (None, 0, 0, 0))(change(**values), *states)) for function in functions)
 
-    found = jax.jit(jax.value_and_grad(lambda values: loss(some.replace, values)))(values)
-    expected = jax.jit(jax.value_and_grad(lambda values: loss(model.replace, values)))(values)
-    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+@pytest.mark.parametrize("keep", [("mass", "com", "central_inertia"), ("joint_axis",), ("gravity", "armature", "stiffness")])
+def test_kept_leaves_are_parameters(dynamics, keep):
+    model, states, expected, (slopes, *_) = dynamics
+    some, values = partly(model, keep)
+
+    def loss(values, *states):
+        found = equations(some.replace(**values), *states)
+        return combination(found), found
+
+    def sum_of_losses(values, *states):
+        losses, found = jax.vmap(loss, (None, 0, 0, 0))(values, *states)
+        return jnp.sum(losses), found
+
+    if keep == ("joint_axis",):  # A batch takes twice as long to compile.
+        rows, found = one_by_one(jax.jit(functools.partial(jax.grad(loss, has_aux=True), values)), states)
+        gradients = jax.tree.map(lambda x: x.sum(0), rows)
+    else:
+        gradients, found = jax.jit(jax.grad(sum_of_losses, has_aux=True))(values, *states)
+    for a, b in zip(found, expected, strict=True):
         assert relative(a, b) < 1e-9
+    for name, gradient in gradients.items():
+        assert relative(gradient, slopes[name].sum(0)) < 1e-9, name
 
 
 def quantities(model, q, u, other):
@@ -78,22 +140,29 @@ def quantities(model, q, u, other):
     }
 
 
+@pytest.fixture(scope="module")
+def kinematics():
+    model, states = shuffled(5, ("free", "hinge", "ball"))
+    assert set(model.tree.joint_types) == {"free", "revolute", "ball"}
+    return model, states, *with_gradients(quantities, model, states)
+
+
 @pytest.mark.parametrize("keep", [(), ("mass", "com", "stiffness"), ("body_position", "gravity")], ids=str)
-def test_kinematics_energies_and_wrenches(keep):
-    model, states = shuffled(8, ("free", "hinge", "ball"))
-    some = kj.specialize(model, keep)
-    values = {name: getattr(model, name) + 0.1 for name in keep}
+def test_kinematics_energies_and_wrenches(kinematics, keep):
+    model, states, expected, (slopes, *of_state) = kinematics
+    some, values = partly(model, keep)
 
-    def with_gradients(change):
-        def combined(values, *state):
-            found = quantities(change(**values), *state)
-            # A combination of all components with unequal weights: its gradient is wrong if that of any of them is.
-            return sum(jnp.sum(jnp.cos(jnp.arange(x.size)) * x.ravel()) for x in jax.tree.leaves(found)), found
+    def combined(values, *state):
+        found = quantities(some.replace(**values), *state)
+        return combination(found), found
 
-        return jax.jit(jax.vmap(jax.grad(combined, (0, 1, 2), has_aux=True), (None, 0, 0, 0)))(values, *states)
-
-    found, expected = with_gradients(some.replace), with_gradients(model.replace)
-    for (path, a), b in zip(jax.tree.leaves_with_path(found), jax.tree.leaves(expected), strict=True):
+    function = jax.grad(combined, (0, 1, 2, 3), has_aux=True)
+    if keep:
+        gradients, found = one_by_one(jax.jit(functools.partial(function, values)), states)
+    else:
+        gradients, found = jax.jit(jax.vmap(function, (None, 0, 0, 0)))(values, *states)
+    everything_expected = ({name: slopes[name] for name in keep}, *of_state), expected
+    for (path, a), b in zip(jax.tree.leaves_with_path((gradients, found)), jax.tree.leaves(everything_expected), strict=True):
         assert relative(a, b) < 1e-12, path
 
 

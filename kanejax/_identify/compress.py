@@ -11,13 +11,20 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import lax
+import numpy as np
 from jaxtyping import Array, Float
 
-from kanejax._identify.linearization import Samples, linearization, predicted, predicted_with_derivative
+from kanejax._identify.linearization import (
+    CHUNK,
+    Samples,
+    chunks,
+    delay_index,
+    linearization,
+    predicted_at_samples,
+    predicted_with_derivatives,
+)
 from kanejax._identify.parameterization import Parameterization
 
-CHUNK = 512
 # Errors of more standard deviations than this count less: as efficient as least squares to 95 % where errors are normal.
 HUBER = 1.345
 
@@ -52,53 +59,36 @@ def compress(
         scale: standard deviation of each signal's errors: those of more than `HUBER` times that weigh less, by Huber's function.
         chunk: samples at a time.
     """
-    return _compress(parameterization, phi, _pieces(samples, chunk), scale)
+    tree, at, delay = parameterization.tree, linearization(parameterization, phi), delay_index(parameterization)
+    size = len(phi) + 1
+    total = Compressed(jnp.zeros((tree.nv, size, size), phi.dtype), phi, jnp.zeros(tree.nv, phi.dtype))
+    for piece in chunks(samples, chunk):
+        total = _taken_up(total, *predicted_with_derivatives(tree, at, piece, delay), piece, scale)
+    return total
 
 
 @jax.jit
-def _compress(parameterization: Parameterization, phi: jax.Array, pieces: Samples, scale: jax.Array | None) -> Compressed:
-    tree = parameterization.tree
-    delay = parameterization.names.index("delay") if "delay" in parameterization.names else None
-    at = linearization(parameterization, phi)
-    size = len(phi) + 1
-
-    def rows(sample: Samples) -> tuple[jax.Array, jax.Array]:
-        value, derivative = predicted_with_derivative(tree, at, sample, delay)
-        error = sample.effort - value
-        weight = sample.weight
-        if scale is not None:
-            limit = HUBER * scale
-            weight = weight * jnp.minimum(1.0, limit / jnp.maximum(jnp.abs(error), jnp.finfo(error.dtype).tiny))
-        whole = jnp.concatenate((derivative, error[:, None]), 1)
-        # A weight of zero also takes out what is not a number.
-        return jnp.where(weight[:, None] > 0, jnp.sqrt(weight)[:, None] * whole, 0.0), sample.weight
-
-    def take_up(total: Compressed, piece: Samples) -> tuple[Compressed, None]:
-        more, weight = jax.vmap(rows)(piece)
-        products = jnp.einsum("cri,crj->rij", more, more, precision="highest")
-        return Compressed(total.products + products, phi, total.count + jnp.sum(weight, 0)), None
-
-    none = Compressed(jnp.zeros((tree.nv, size, size), phi.dtype), phi, jnp.zeros(tree.nv, phi.dtype))
-    return lax.scan(take_up, none, pieces)[0]
+def _taken_up(total: Compressed, value: jax.Array, derivative: jax.Array, piece: Samples, scale: jax.Array | None) -> Compressed:
+    error, weight = piece.effort - value, piece.weight
+    if scale is not None:
+        limit = HUBER * scale[None]
+        weight = weight * jnp.minimum(1.0, limit / jnp.maximum(jnp.abs(error), jnp.finfo(error.dtype).tiny))
+    whole = jnp.concatenate((derivative, error[..., None]), -1)
+    # A weight of zero also takes out what is not a number.
+    rows = jnp.where(weight[..., None] > 0, jnp.sqrt(weight)[..., None] * whole, 0.0)
+    products = jnp.einsum("cri,crj->rij", rows, rows, precision="highest")
+    return Compressed(total.products + products, total.center, total.count + jnp.sum(piece.weight, 0))
 
 
 def residuals(
     parameterization: Parameterization, phi: Float[Array, " n"], samples: Samples, chunk: int = CHUNK
 ) -> Float[Array, "samples nv"]:
     """Measured less predicted signals, zero where they do not count."""
-    found = _residuals(parameterization, phi, _pieces(samples._replace(rates=None), chunk))
-    return found.reshape(-1, found.shape[-1])[: len(samples.q)]
-
-
-@jax.jit
-def _residuals(parameterization: Parameterization, phi: jax.Array, pieces: Samples) -> Float[Array, "pieces chunk nv"]:
-    at = linearization(parameterization, phi)
-
-    def errors(sample: Samples) -> jax.Array:
-        error = sample.effort - predicted(parameterization.tree, at, sample.q, sample.u, sample.u_dot)
-        return jnp.where(sample.weight > 0, error, 0.0)
-
-    return lax.map(jax.vmap(errors), pieces)
+    tree, at = parameterization.tree, linearization(parameterization, phi)
+    pieces = chunks(samples._replace(rates=None), chunk)
+    values = [np.asarray(predicted_at_samples(tree, at, piece)) for piece in pieces]
+    error = np.asarray(samples.effort) - np.concatenate(values)[: len(samples.q)]
+    return jnp.asarray(np.where(np.asarray(samples.weight) > 0, error, 0.0))
 
 
 @jax.jit
@@ -117,20 +107,3 @@ def combined(compressed: Compressed, sigma: Float[Array, " nv"]) -> Float[Array,
     scale = jnp.where(lengths > 0, lengths, 1.0)
     values, vectors = jnp.linalg.eigh(products / scale[:, None] / scale[None, :])
     return jnp.sqrt(jnp.maximum(values, 0.0))[:, None] * vectors.T * scale[None, :]
-
-
-def _pieces(samples: Samples, chunk: int) -> Samples:
-    """Samples as (pieces, chunk, ...), filled up with copies of the last that do not count.
-
-    The number of pieces is rounded up to three binary digits, so that logs of many lengths share a compiled program.
-    """
-    count = -(-len(samples.q) // chunk)
-    step = 2 ** max(0, (count - 1).bit_length() - 3)
-    spare = -(-count // step) * step * chunk - len(samples.q)
-
-    def cut(x: jax.Array, filling: jax.Array) -> jax.Array:
-        full = jnp.concatenate((x, jnp.broadcast_to(filling, (spare, *x.shape[1:])))) if spare else x
-        return full.reshape(-1, chunk, *x.shape[1:])
-
-    cuts = jax.tree.map(lambda x: cut(x, x[-1:]), samples)
-    return cuts._replace(weight=cut(samples.weight, jnp.zeros_like(samples.weight[-1:])))

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from kanejax._identify.compress import HUBER, Compressed, combined, compress, residuals, sums_of_squares
 from kanejax._identify.linear_estimate import UNEXCITED, error_scale, robust_scale, scaled_gram, signal_sizes
-from kanejax._identify.linearization import Samples
+from kanejax._identify.linearization import Samples, delay_index
 from kanejax._identify.parameterization import Parameterization
 
 # How far a step may go, relative to the parameters' own scales, and how this changes when a step fails.
@@ -115,7 +115,7 @@ class _Signals:
         self.parameterization, self.robust = parameterization, robust
         self._samples, self._samples_at, self._given = samples, samples_at, sigma
         self._sizes = signal_sizes(samples)
-        self._delay = parameterization.names.index("delay") if "delay" in parameterization.names else None
+        self._delay = delay_index(parameterization)
 
     def _at(self, phi: jax.Array) -> Samples:
         return self._samples if self._delay is None or self._samples_at is None else self._samples_at(phi[self._delay])

@@ -8,19 +8,20 @@ is the mean over the blocks' residuals (Welch 1967). Residuals are smaller than 
 is divided by one less the leverage of each signal at each frequency (MacKinnon and White 1985, HC2).
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+import functools
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Bool, Complex, Float
 
 from kanejax._identify.base_parameters import BaseParameters
 from kanejax._identify.compress import HUBER
 from kanejax._identify.linear_estimate import UNEXCITED, scaled_gram
-from kanejax._identify.linearization import Samples, linearization, predicted_with_derivative
+from kanejax._identify.linearization import Samples, chunks, derivatives, linearization
 from kanejax._identify.parameterization import Parameterization
 
 # Fewest and most samples of a block.
@@ -77,27 +78,30 @@ def information(
         robust: whether errors far out counted less, by Huber's function (Huber 1964): they then enter as what it cuts them to, and
             add nothing to the information.
     """
+    runs = [jax.tree.map(np.asarray, run) for run in runs]
     length = _block_length(sum(len(run.q) for run in runs), max(len(run.q) for run in runs))
-    blocks = jax.tree.map(lambda *x: jnp.concatenate(x), *[_blocks(run, length) for run in runs])
-    cut = [jnp.clip(error / sigma[None], -HUBER, HUBER) if robust else error / sigma[None] for error in errors]
-    chosen = jnp.asarray(base.independent)
-    density, share = _cross_density(cut, [run.weight for run in runs], length)
-    inner = blocks
-    if robust:
-        inside = [
-            _blocks(run._replace(weight=jnp.where(jnp.abs(x) < HUBER, run.weight, 0.0)), length)
-            for run, x in zip(runs, cut, strict=True)
-        ]
-        inner = jax.tree.map(lambda *x: jnp.concatenate(x), *inside)
-    inverse, condition, weak, unexcited = inverted(np.asarray(_gram(parameterization, phi, sigma, chosen, inner), float))
-    leverage = _leverage(parameterization, phi, sigma, chosen, blocks, jnp.asarray(inverse, phi.dtype)) / share[None]
+    limit = HUBER if robust else np.inf
+    scaled = [np.asarray(error / sigma[None]) for error in errors]
+    inside = [run._replace(weight=np.where(np.abs(x) < limit, run.weight, 0.0)) for run, x in zip(runs, scaled, strict=True)]
+    density, share = _cross_density([np.clip(x, -limit, limit) for x in scaled], [run.weight for run in runs], length)
+    at, chosen = linearization(parameterization, phi), jnp.asarray(base.independent)
+
+    def total(of_block: Callable[..., jax.Array], runs: Sequence[Samples], *given: Any) -> np.ndarray:
+        """Sum over the blocks of what a function makes of the scaled regressor of the base parameters."""
+        blocks = itertools.chain.from_iterable(chunks(run, length) for run in runs)
+        parts = (of_block(_scaled(derivatives(parameterization, at, x), x.weight, sigma, chosen), *given) for x in blocks)
+        return np.asarray(functools.reduce(np.add, map(np.asarray, parts)), float)
+
+    inverse, condition, weak, unexcited = inverted(total(_products, inside))
+    count = sum(-(-len(run.q) // length) for run in runs)
+    leverage = total(_leverage, runs, jnp.asarray(inverse, phi.dtype)) / (count * length * share)
     # Where a signal's errors are nearly all taken up, there is nothing to give them back from.
-    left = jnp.sqrt(jnp.clip(1.0 - leverage, 0.1, 1.0)).astype(density.dtype)
+    left = np.sqrt(np.clip(1.0 - leverage, 0.1, 1.0))
     density = density / left[:, :, None] / left[:, None, :]
-    middle = np.asarray(_middle(parameterization, phi, sigma, chosen, blocks, density), float)
+    middle = total(_middle, runs, density.astype(np.result_type(phi.dtype, np.complex64)), length)
     covariance = inverse @ middle @ inverse
     frequency = np.fft.rfftfreq(length, period)
-    one_sided = 2.0 * period * np.asarray(jnp.real(jnp.diagonal(density, axis1=1, axis2=2)) * sigma[None] ** 2)
+    one_sided = 2.0 * period * np.real(np.diagonal(density, axis1=1, axis2=2)) * np.asarray(sigma) ** 2
     return Information(covariance, inverse, condition, Spectrum(frequency, one_sided), weak, unexcited)
 
 
@@ -106,93 +110,58 @@ def _block_length(count: int, longest_run: int) -> int:
     return int(min(max(wanted, _SHORTEST), _LONGEST, longest_run))
 
 
-def _cut(x: jax.Array, length: int) -> jax.Array:
+def _cut(x: np.ndarray, length: int) -> np.ndarray:
     """Whole blocks of rows, (blocks, length, ...); what is left at the end stays out."""
     whole = len(x) // length * length
     return x[:whole].reshape(-1, length, *x.shape[1:])
 
 
-def _blocks(run: Samples, length: int) -> Samples:
-    """All samples in blocks, the last filled up with copies that do not count."""
-    spare = -len(run.q) % length
-    full = jax.tree.map(lambda x: jnp.concatenate((x, jnp.broadcast_to(x[-1:], (spare, *x.shape[1:])))), run)
-    full = full._replace(weight=full.weight.at[len(run.q) :].set(0.0))
-    return jax.tree.map(lambda x: _cut(x, length), full)
-
-
 def _cross_density(
-    errors: Sequence[jax.Array], weights: Sequence[jax.Array], length: int
-) -> tuple[Complex[Array, "frequencies nv nv"], Float[Array, " nv"]]:
+    errors: Sequence[np.ndarray], weights: Sequence[np.ndarray], length: int
+) -> tuple[Complex[np.ndarray, "frequencies nv nv"], Float[np.ndarray, " nv"]]:
     """Covariance of the blocks' Fourier transforms, the identity for independent errors of size one; and the share that counts.
 
     Blocks overlap by half. Errors that do not count are zeros, for which the covariance is corrected.
     """
-    both = [jnp.concatenate([_cut(x[start:], length) for x in parts for start in (0, length // 2)]) for parts in (errors, weights)]
-    blocks, counts = both[0], (both[1] > 0).astype(both[0].dtype)
-    taper = jnp.asarray(np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2, blocks.dtype)
-    waves = jnp.fft.rfft(blocks * taper[None, :, None], axis=1) / np.sqrt(length).item()
-    density = jnp.einsum("bfi,bfj->fij", waves, jnp.conj(waves)) / len(waves)
-    shares = jnp.einsum("bti,btj->ij", counts, counts) / (len(blocks) * length)
+    both = [np.concatenate([_cut(x[start:], length) for x in parts for start in (0, length // 2)]) for parts in (errors, weights)]
+    blocks, counts = both[0].astype(float), (both[1] > 0).astype(float)
+    taper = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
+    waves = np.fft.rfft(blocks * taper[None, :, None], axis=1) / np.sqrt(length)
+    density = np.einsum("bfi,bfj->fij", waves, np.conj(waves)) / len(waves)
+    shares = np.einsum("bti,btj->ij", counts, counts) / (len(blocks) * length)
     least = 1.0 / (len(blocks) * length)
-    density = jnp.where(shares[None] > 0, density / jnp.maximum(shares, least)[None].astype(density.dtype), 0.0)
-    return density, jnp.maximum(jnp.diagonal(shares), least)
+    return np.where(shares > 0, density / np.maximum(shares, least), 0.0), np.maximum(np.diagonal(shares), least)
 
 
-def _rows(parameterization: Parameterization, at: object, sigma: jax.Array, chosen: jax.Array, block: Samples) -> jax.Array:
+@jax.jit
+def _scaled(derivative: jax.Array, weight: jax.Array, sigma: jax.Array, chosen: jax.Array) -> jax.Array:
     """Scaled regressor of the base parameters over one block, (length, nv, nbase)."""
-    delay = parameterization.names.index("delay") if "delay" in parameterization.names else None
-    tree = parameterization.tree
-    derivative = jax.vmap(lambda sample: predicted_with_derivative(tree, at, sample, delay)[1])(block)  # type: ignore[arg-type]
-    counts = (block.weight > 0)[..., None]
-    return jnp.where(counts, derivative[..., chosen] / sigma[None, :, None], 0.0)
+    return jnp.where((weight > 0)[..., None], derivative[..., chosen] / sigma[None, :, None], 0.0)
 
 
 @jax.jit
-def _gram(parameterization: Parameterization, phi: jax.Array, sigma: jax.Array, chosen: jax.Array, blocks: Samples) -> jax.Array:
-    """Products of the regressor's columns."""
-    at = linearization(parameterization, phi)
-
-    def take_up(total: jax.Array, block: Samples) -> tuple[jax.Array, None]:
-        rows = _rows(parameterization, at, sigma, chosen, block)
-        return total + jnp.einsum("cri,crj->ij", rows, rows, precision="highest"), None
-
-    return lax.scan(take_up, jnp.zeros((len(chosen), len(chosen)), phi.dtype), blocks)[0]
+def _products(rows: jax.Array) -> Float[Array, "nbase nbase"]:
+    """Of the regressor's columns."""
+    return jnp.einsum("cri,crj->ij", rows, rows, precision="highest")
 
 
 @jax.jit
-def _leverage(
-    parameterization: Parameterization, phi: jax.Array, sigma: jax.Array, chosen: jax.Array, blocks: Samples, inverse: jax.Array
-) -> Float[Array, "frequencies nv"]:
-    """The share of each signal's errors, at each frequency, that the fit takes up."""
-    at = linearization(parameterization, phi)
-
-    def take_up(total: jax.Array, block: Samples) -> tuple[jax.Array, None]:
-        waves = jnp.fft.rfft(_rows(parameterization, at, sigma, chosen, block), axis=0)
-        share = jnp.einsum("fji,ik,fjk->fj", jnp.conj(waves), inverse.astype(waves.dtype), waves)
-        return total + jnp.real(share) / len(block.q), None
-
-    count, length = blocks.q.shape[:2]
-    zero = jnp.zeros((length // 2 + 1, parameterization.tree.nv), phi.dtype)
-    return lax.scan(take_up, zero, blocks)[0] / count
+def _leverage(rows: jax.Array, inverse: jax.Array) -> Float[Array, "frequencies nv"]:
+    """What the fit takes up of each signal's errors, at each frequency."""
+    waves = jnp.fft.rfft(rows, axis=0)
+    return jnp.real(jnp.einsum("fji,ik,fjk->fj", jnp.conj(waves), inverse.astype(waves.dtype), waves))
 
 
-@jax.jit
-def _middle(
-    parameterization: Parameterization, phi: jax.Array, sigma: jax.Array, chosen: jax.Array, blocks: Samples, density: jax.Array
-) -> Float[Array, "nbase nbase"]:
+@functools.partial(jax.jit, static_argnums=2)
+def _middle(rows: jax.Array, density: jax.Array, length: int) -> Float[Array, "nbase nbase"]:
     """Covariance of what the errors do to the gradient."""
-    at = linearization(parameterization, phi)
-    length = blocks.q.shape[1]
     # A real signal's other half of the frequencies is the conjugate of this one.
-    twice = jnp.full(length // 2 + 1, 2.0, phi.dtype).at[0].set(1.0)
-    twice = twice.at[-1].set(1.0) if length % 2 == 0 else twice
-
-    def take_up(total: jax.Array, block: Samples) -> tuple[jax.Array, None]:
-        waves = jnp.fft.rfft(_rows(parameterization, at, sigma, chosen, block), axis=0)
-        weighted = jnp.einsum("fij,fjk->fik", density, waves) * (twice / length)[:, None, None].astype(waves.dtype)
-        return total + jnp.real(jnp.einsum("fik,fil->kl", jnp.conj(waves), weighted)), None
-
-    return lax.scan(take_up, jnp.zeros((len(chosen), len(chosen)), phi.dtype), blocks)[0]
+    twice = np.full(length // 2 + 1, 2.0)
+    twice[0] = 1.0
+    twice[-1] = 1.0 if length % 2 == 0 else 2.0
+    waves = jnp.fft.rfft(rows, axis=0)
+    weighted = jnp.einsum("fij,fjk->fik", density, waves) * jnp.asarray(twice / length, waves.dtype)[:, None, None]
+    return jnp.real(jnp.einsum("fik,fil->kl", jnp.conj(waves), weighted))
 
 
 def inverted(gram: np.ndarray) -> tuple[np.ndarray, float, tuple[dict[int, float], ...], np.ndarray]:

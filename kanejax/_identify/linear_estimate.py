@@ -1,6 +1,5 @@
 """The linear stage: base parameters by least squares, without regard to what rigid bodies can have."""
 
-import functools
 from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
@@ -11,7 +10,7 @@ from jaxtyping import Array, Float
 
 from kanejax._identify.base_parameters import BaseParameters, enough_states, grouped, random_states
 from kanejax._identify.compress import Compressed, compress, residuals, sums_of_squares
-from kanejax._identify.linearization import Samples, linearization, predicted_with_derivative
+from kanejax._identify.linearization import Samples, derivatives, linearization
 from kanejax._identify.motion import Motion
 from kanejax._identify.parameterization import Parameterization
 from kanejax._identify.samples import samples_of
@@ -116,17 +115,10 @@ def identifiable(parameterization: Parameterization, phi: jax.Array | None = Non
         # Slow ones too: shapes of friction curves show nowhere else.
         u = u * jnp.asarray(10.0 ** np.random.default_rng(seed).uniform(-3.0, 0.0, (len(u), 1)))
         states = (q, u, u_dot)
-        delay = names.index("delay") if "delay" in names else None
         rates = random_states(model, len(q), seed + 1)
         samples = Samples(*states, jnp.zeros_like(states[1]), jnp.ones_like(states[1]), rates)
-        rows = _rows(wide, at_phi, samples, delay)
-    return grouped(np.asarray(rows).reshape(-1, len(names)), names, _order(names))
-
-
-@functools.partial(jax.jit, static_argnames="delay")
-def _rows(parameterization: Parameterization, phi: jax.Array, samples: Samples, delay: int | None) -> jax.Array:
-    at = linearization(parameterization, phi)
-    return jax.vmap(lambda sample: predicted_with_derivative(parameterization.tree, at, sample, delay)[1])(samples)
+        rows = derivatives(wide, linearization(wide, at_phi), samples)
+    return grouped(rows.reshape(-1, len(names)), names, _order(names))
 
 
 def _nearest(parameterization: Parameterization, base: BaseParameters) -> Callable[[np.ndarray], jax.Array]:

@@ -4,10 +4,13 @@ Reverse mode, once for each signal, through the recursion to the parameters of l
 that are sought, a product with a matrix that is the same for all states.
 """
 
+import functools
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from kanejax._dynamics.regressor import prepare_with
@@ -16,6 +19,9 @@ from kanejax._identify.parameterization import Parameterization
 from kanejax._identify.plant import Drives, force_and_load, motor_signal
 from kanejax._model.prepared import Prepared
 from kanejax._model.tree import Tree
+
+# Samples that are evaluated at a time.
+CHUNK = 512
 
 _INERTIA = {"links.mass", "links.first_moment", "links.second_moment"}
 _PLACEMENT = {"links.rotation", "links.position", *_INERTIA}
@@ -52,6 +58,7 @@ class Linearization(NamedTuple):
     matrix: Float[Array, "leaves n"]
 
 
+@jax.jit
 def linearization(parameterization: Parameterization, phi: Float[Array, " n"]) -> Linearization:
     """Prepare the evaluation at `phi`: once for all states."""
     prepared, drives = _prepared(parameterization, phi)
@@ -88,6 +95,43 @@ def predicted_with_derivative(
         later = jax.jvp(lambda *x: predicted(tree, at, *x), state, sample.rates)[1]
         derivative = derivative.at[:, delay].set(-later)
     return value, derivative
+
+
+@functools.partial(jax.jit, static_argnames="tree")
+def predicted_at_samples(tree: Tree, at: Linearization, samples: Samples) -> Float[Array, "samples nv"]:
+    """`predicted` at many states."""
+    return jax.vmap(lambda sample: predicted(tree, at, sample.q, sample.u, sample.u_dot))(samples)
+
+
+@functools.partial(jax.jit, static_argnames=("tree", "delay"))
+def predicted_with_derivatives(
+    tree: Tree, at: Linearization, samples: Samples, delay: int | None
+) -> tuple[Float[Array, "samples nv"], Float[Array, "samples nv n"]]:
+    """`predicted_with_derivative` at many states."""
+    return jax.vmap(lambda sample: predicted_with_derivative(tree, at, sample, delay))(samples)
+
+
+def chunks(samples: Samples, size: int = CHUNK) -> Iterator[Samples]:
+    """Samples in pieces of one size, so that logs of all lengths take the same programs; copies that do not count fill the last."""
+    whole = jax.tree.map(np.asarray, samples)
+    for first in range(0, len(whole.q), size):
+        piece = jax.tree.map(lambda x: x[first : first + size], whole)  # noqa: B023
+        if spare := size - len(piece.q):
+            piece = jax.tree.map(lambda x: np.concatenate((x, np.broadcast_to(x[-1:], (spare, *x.shape[1:])))), piece)
+            piece.weight[-spare:] = 0.0
+        yield piece
+
+
+def derivatives(parameterization: Parameterization, at: Linearization, samples: Samples) -> Float[np.ndarray, "samples nv n"]:
+    """How the signals depend on what is sought, at so many samples that they fit into memory."""
+    tree, delay = parameterization.tree, delay_index(parameterization)
+    parts = [np.asarray(predicted_with_derivatives(tree, at, piece, delay)[1]) for piece in chunks(samples)]
+    return np.concatenate(parts)[: len(samples.q)]
+
+
+def delay_index(parameterization: Parameterization) -> int | None:
+    """Which of the parameters that are sought is the delay."""
+    return parameterization.names.index("delay") if "delay" in parameterization.names else None
 
 
 def _prepared(parameterization: Parameterization, phi: jax.Array) -> tuple[Prepared, Drives]:

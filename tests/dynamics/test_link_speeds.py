@@ -112,8 +112,8 @@ def test_axes_in_one_plane_give_two_components():
 
 
 def test_other_bodies_in_trees_and_on_floating_bases():
-    for seed in (2, 4):
-        model = kj.load(random_tree(seed, 7, ("hinge", "free", "ball", "weld", "slide", "hinge", "hinge")))
+    for seed in (0, 5):
+        model = kj.load(random_tree(seed, 5, ("hinge", "free", "ball", "weld", "slide", "hinge", "hinge")))
         q = jax.random.normal(jax.random.key(seed), (model.nq,), model.dtype)
         rates = jax.random.normal(jax.random.key(seed + 1), (model.nv,), model.dtype)
         movable = [b for b in range(model.nbody) if "revolute" in kinds_that_move(model.tree, b)]

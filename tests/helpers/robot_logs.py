@@ -35,9 +35,12 @@ def motion_of_arm(rate: float = 100.0, duration: float = 10.0, seed: int = 0) ->
     return ts, q, (w * (a * cosine - b * sine)).sum(0), (-(w**2) * (a * sine + b * cosine)).sum(0)
 
 
+_forces = jax.jit(jax.vmap(kj.inverse_dynamics, (None, 0, 0, 0)))
+
+
 def efforts(model: kj.Model, q: np.ndarray, u: np.ndarray, u_dot: np.ndarray) -> np.ndarray:
     """Torques of the joints, with offsets."""
-    force = jax.jit(jax.vmap(kj.inverse_dynamics, (None, 0, 0, 0)))(model, *map(jnp.asarray, (q, u, u_dot)))
+    force = _forces(model, *map(jnp.asarray, (q, u, u_dot)))
     return np.asarray(force) + OFFSETS
 
 

@@ -1,5 +1,7 @@
 """The linear and the inverse-dynamics stage, and what they say of their uncertainty, on an arm whose parameters are known."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 from helpers.robot_logs import OFFSETS, arm, efforts, motion_of_arm, recorded_arm
 
 import kanejax as kj
-from kanejax._identify.compress import compress, residuals, sums_of_squares
+from kanejax._identify.compress import CHUNK, compress, residuals, sums_of_squares
 from kanejax._identify.fit import fit_inverse_dynamics
 from kanejax._identify.information import information
 from kanejax._identify.linear_estimate import identifiable, linear_estimate
@@ -18,7 +20,14 @@ from kanejax._identify.pseudo_inertia import consistency
 from kanejax._identify.samples import samples_of
 from kanejax._identify.unknowns import Unknown
 
+# Of all recordings, so that all fits share their compiled programs [s]: eleven blocks of `information` and a little.
+DURATION = 28.2
 SOUGHT = (Unknown("inertia", prior=kj.Entropic(3.0)), "damping", "coulomb_friction", "offset")
+
+
+@functools.cache
+def recorded(noise: float = 0.0) -> kj.Motion:
+    return recorded_arm(noise, duration=DURATION)
 
 
 def start() -> Plant:
@@ -42,6 +51,23 @@ def base(sought):
     return identifiable(sought)
 
 
+def starts(sought: Parameterization) -> jax.Array:
+    """The same number for all fits; the first is the nominal plant."""
+    return sought.starts(jax.random.key(1), 16, spread=1.0)
+
+
+@pytest.fixture(scope="module")
+def regressor(sought):
+    """Columns of all parameters, for the linear methods in numpy."""
+
+    @jax.jit
+    def rows(samples):
+        at = linearization(sought, sought.phi0)
+        return jax.vmap(lambda sample: predicted_with_derivative(sought.tree, at, sample, None)[1])(samples)
+
+    return np.asarray(rows(samples_of([recorded()])))
+
+
 @pytest.mark.parametrize(
     "unknowns",
     [
@@ -54,47 +80,55 @@ def test_derivatives_are_those_of_the_signals(unknowns):
     plant = start()
     drives = plant.drives.replace(load_friction=0.1, stribeck_friction=0.2, gain=jnp.array([2.0, 3.0, 0.5]))
     problem = parameterization(Plant(plant.model, drives), unknowns)
-    sample = jax.tree.map(lambda x: x[7], samples_of([recorded_arm()]))
+    sample = jax.tree.map(lambda x: x[7], samples_of([recorded()]))
+
+    @jax.jit
+    def linearized(phi):
+        return predicted_with_derivative(problem.tree, linearization(problem, phi), sample, None)
+
+    @jax.jit
+    def by_forward_mode(phi):
+        def predicted(phi):
+            plant, parameters = problem.assemble(phi)
+            return signal(plant, sample.q, sample.u, sample.u_dot, parameters)
+
+        return predicted(phi), jax.jacfwd(predicted)(phi)
+
     phi = problem.phi(problem.theta0 + 0.1)
-    value, derivative = predicted_with_derivative(problem.tree, linearization(problem, phi), sample, None)
-
-    def predicted(phi):
-        plant, parameters = problem.assemble(phi)
-        return signal(plant, sample.q, sample.u, sample.u_dot, parameters)
-
-    np.testing.assert_allclose(value, predicted(phi), rtol=1e-12)
-    expected = jax.jacfwd(predicted)(phi)
+    value, derivative = linearized(phi)
+    right, expected = by_forward_mode(phi)
+    np.testing.assert_allclose(value, right, rtol=1e-12)
     np.testing.assert_allclose(derivative, expected, atol=1e-11 * float(jnp.abs(expected).max()))
 
 
 def test_compression_keeps_the_sum_of_squares(sought):
-    samples = samples_of([recorded_arm(0.1)])
+    samples = samples_of([recorded(0.1)])
     left_out = samples._replace(weight=samples.weight.at[10:40, 1].set(0.0), effort=samples.effort.at[12, 1].set(jnp.nan))
     phi = sought.phi(sought.theta0 + 0.2)
-    compressed = compress(sought, sought.phi0, left_out, chunk=300)
+    # The last of the chunks is not full.
+    assert len(samples.q) % CHUNK > 0
+    compressed = compress(sought, sought.phi0, left_out)
     expected = jnp.sum(residuals(sought, phi, left_out) ** 2, 0)
     np.testing.assert_allclose(sums_of_squares(compressed, phi), expected, rtol=1e-10)
-    np.testing.assert_allclose(compressed.count, [1000, 970, 1000])
+    np.testing.assert_allclose(compressed.count, [2820, 2790, 2820])
 
 
 def test_exact_data_give_exact_base_parameters(sought, base):
-    samples = samples_of([recorded_arm()])
+    samples = samples_of([recorded()])
     expected = base.matrix @ true_phi(sought)
     linear = linear_estimate(sought, samples, base=base)
     np.testing.assert_allclose(linear.value, expected, atol=1e-11 * np.abs(expected).max())
-    fit = fit_inverse_dynamics(sought, samples)
+    fit = fit_inverse_dynamics(sought, samples, starts=starts(sought))
     assert fit.converged, fit.message
     np.testing.assert_allclose(base.matrix @ np.asarray(fit.phi), expected, rtol=1e-8, atol=1e-11 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("method", ["ordinary", "weighted", "huber"])
-def test_linear_methods_against_numpy(sought, base, method):
-    motion = recorded_arm(0.05)
+def test_linear_methods_against_numpy(sought, base, regressor, method):
+    motion = recorded(0.05)
     samples = samples_of([motion])
     found = linear_estimate(sought, samples, base=base, method=method)
-    at = linearization(sought, sought.phi0)
-    rows = jax.vmap(lambda sample: predicted_with_derivative(sought.tree, at, sample, None)[1])(samples)
-    columns, y = np.asarray(rows)[..., base.independent], np.asarray(motion.effort)
+    columns, y = regressor[..., base.independent], np.asarray(motion.effort)
     weight = np.ones_like(y)
     for _ in range(60 if method != "ordinary" else 1):
         flat = np.sqrt(weight).reshape(-1)
@@ -113,7 +147,7 @@ def test_linear_methods_against_numpy(sought, base, method):
 
 
 def test_robust_fits_do_not_mind_outliers(sought, base):
-    motion = recorded_arm(0.02)
+    motion = recorded(0.02)
     effort = np.array(motion.effort)
     effort[::20] += 50.0
     samples = samples_of([motion])._replace(effort=jnp.asarray(effort))
@@ -122,13 +156,13 @@ def test_robust_fits_do_not_mind_outliers(sought, base):
     def distance(fit):
         return float(np.linalg.norm(base.matrix @ np.asarray(fit.phi) - expected))
 
-    plain, robust = (fit_inverse_dynamics(sought, samples, robust=robust) for robust in (False, True))
+    plain, robust = (fit_inverse_dynamics(sought, samples, starts=starts(sought), robust=robust) for robust in (False, True))
     assert distance(robust) < 0.1 * distance(plain)
 
 
 def test_every_start_is_consistent_and_comes_to_the_same_fit(sought):
-    samples = samples_of([recorded_arm(0.05)])
-    thetas = sought.starts(jax.random.key(1), 16, spread=1.0)
+    samples = samples_of([recorded(0.05)])
+    thetas = starts(sought)
     for theta in thetas:
         assert float(consistency(kj.inertia_parameters(sought.plant(theta).model)).min()) > 0
     fit = fit_inverse_dynamics(sought, samples, starts=thetas)
@@ -142,7 +176,7 @@ def test_nonlinear_unknowns_are_found():
     """Gains are no linear parameters of the signals; with the masses given they are determined."""
     model = arm()
     gain = jnp.array([2.0, 4.0, 0.5])
-    motion = recorded_arm()
+    motion = recorded()
     motion = kj.Motion(motion.ts, motion.q, motion.u, motion.u_dot, motion.effort / gain[None])
     wide = model.replace(friction_width=jnp.full(3, 0.05))
     problem = parameterization(Plant(wide, Drives.ideal(wide)), ("gain", "offset", "damping", "friction_width"))
@@ -157,7 +191,7 @@ def test_nonlinear_unknowns_are_found():
 
 def test_the_linear_stage_refuses_what_is_not_linear():
     with pytest.raises(ValueError, match="not linear in what is sought"):
-        linear_estimate(parameterization(start(), ["gain"]), samples_of([recorded_arm()]))
+        linear_estimate(parameterization(start(), ["gain"]), samples_of([recorded()]))
 
 
 def correlated(rng, shape, memory):
@@ -172,7 +206,7 @@ def correlated(rng, shape, memory):
 def test_intervals_cover_what_they_promise(sought, base, memory):
     """Over many recordings with white or coloured noise; with the latter, intervals for white noise cover far too little."""
     # Errors that last for a fifth of a second need more time to be known than independent ones.
-    ts, q, u, u_dot = motion_of_arm(100.0, 30.0 if memory else 10.0)
+    ts, q, u, u_dot = motion_of_arm(100.0, DURATION)
     torque = efforts(arm(), q, u, u_dot)
     size = 0.05 * np.sqrt(np.mean(torque**2, 0))
     expected, rng = base.matrix @ true_phi(sought), np.random.default_rng(5)
@@ -192,7 +226,7 @@ def test_intervals_cover_what_they_promise(sought, base, memory):
 
 
 def test_information_is_that_of_numpy(sought, base):
-    motion = recorded_arm(0.05)
+    motion = recorded(0.05)
     samples = samples_of([motion])
     linear = linear_estimate(sought, samples, base=base)
     said = information(sought, linear.phi, linear.sigma, base, [samples], [residuals(sought, linear.phi, samples)], 0.01)
@@ -204,7 +238,7 @@ def test_information_is_that_of_numpy(sought, base):
 
 
 def test_a_motion_of_one_joint_leaves_the_others_unknown(sought, base):
-    ts, q, u, u_dot = motion_of_arm()
+    ts, q, u, u_dot = motion_of_arm(100.0, DURATION)
     still = np.array([0.0, 1.0, 0.0])
     q, u, u_dot = q * still + 0.3, u * still, u_dot * still
     torque = efforts(arm(), q, u, u_dot)
@@ -218,7 +252,7 @@ def test_a_motion_of_one_joint_leaves_the_others_unknown(sought, base):
 
 def test_missing_signals_do_not_narrow_the_intervals(sought, base):
     """Nor does one short run among long ones."""
-    motion = recorded_arm(0.05)
+    motion = recorded(0.05)
     rng = np.random.default_rng(2)
     counts = jnp.asarray(rng.uniform(size=motion.effort.shape) < 0.4, float)
     samples = samples_of([motion])._replace(weight=counts)
@@ -227,6 +261,7 @@ def test_missing_signals_do_not_narrow_the_intervals(sought, base):
     said = information(sought, linear.phi, linear.sigma, base, [samples], [left], 0.01)
     ratio = np.median(np.sqrt(np.diag(said.covariance) / np.diag(said.white)))
     assert 0.9 < ratio < 1.5
-    short = jax.tree.map(lambda x: x[:5], samples)
-    again = information(sought, linear.phi, linear.sigma, base, [samples, short], [left, left[:5]], 0.01)
+    # As many blocks as before: eleven full ones, and one for the short run.
+    long, short = (jax.tree.map(lambda x, count=count: x[:count], samples) for count in (2816, 5))
+    again = information(sought, linear.phi, linear.sigma, base, [long, short], [left[:2816], left[:5]], 0.01)
     np.testing.assert_allclose(np.diag(again.covariance), np.diag(said.covariance), rtol=0.2)

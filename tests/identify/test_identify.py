@@ -1,5 +1,7 @@
 """Identification in one call: what it finds, what it says of it, and what it refuses."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,38 @@ import pytest
 from helpers.robot_logs import OFFSETS, arm, efforts, motion_of_arm, recorded_arm
 
 import kanejax as kj
+
+# Where the number of links is not the matter: fewer of them compile faster.
+TWO_LINKS = """<mujoco><worldbody><body name="upper"><joint name="shoulder" axis="0 1 0"/>
+<inertial pos="0.2 0.02 0.01" mass="2" fullinertia="0.01 0.05 0.05 0.001 0.002 -0.001"/>
+<body name="fore" pos="0.4 0 0"><joint name="elbow" axis="0 1 0.3"/>
+<inertial pos="0.15 -0.01 0.02" mass="1" fullinertia="0.005 0.02 0.02 0.0005 0.001 0.0002"/></body></body>
+</worldbody></mujoco>"""
+inverse_dynamics = jax.jit(jax.vmap(kj.inverse_dynamics, (None, 0, 0, 0)))
+
+
+@functools.cache
+def two_links() -> kj.Model:
+    return kj.load(TWO_LINKS).replace(damping=[0.5, 0.3], coulomb_friction=[0.4, 0.2], friction_width=jnp.full(2, 0.02))
+
+
+def plant_of_two_links(model: kj.Model, **drives) -> kj.Plant:
+    return kj.Plant(model, kj.Drives.ideal(model).replace(offset=OFFSETS[:2], **drives))
+
+
+def motion_of_two_links(rate: float = 100.0, duration: float = 7.5) -> tuple[np.ndarray, ...]:
+    ts, *state = motion_of_arm(rate, duration)
+    return ts, *(x[:, :2] for x in state)
+
+
+def efforts_of_two_links(model: kj.Model, *state: np.ndarray) -> np.ndarray:
+    return np.asarray(inverse_dynamics(model, *map(jnp.asarray, state))) + OFFSETS[:2]
+
+
+@functools.cache
+def recorded(noise: float = 0.0, seed: int = 0) -> kj.Motion:
+    """As many samples as the fixture fits, so that fits share their compiled programs."""
+    return recorded_arm(noise, seed, duration=7.5)
 
 
 def nominal() -> kj.Model:
@@ -16,7 +50,7 @@ def nominal() -> kj.Model:
 
 def same_forces(model, expected, tolerance):
     """At random states, but for the friction that both have at rest."""
-    state = [jnp.asarray(x) for x in np.random.default_rng(3).normal(size=(3, 3))]
+    state = [jnp.asarray(x) for x in np.random.default_rng(3).normal(size=(3, model.nv))]
     value, right = (kj.inverse_dynamics(m, *state) for m in (model, expected))
     assert float(jnp.abs(value - right).max()) < tolerance * float(jnp.abs(right).max())
 
@@ -76,7 +110,7 @@ def test_every_sum_that_is_said_to_be_determined_is(exact):
 
 
 def test_intervals_and_errors_of_noisy_data():
-    found = kj.identify(nominal(), [recorded_arm(0.05)], friction_width=None, validation=[recorded_arm(0.0, seed=1)])
+    found = kj.identify(nominal(), [recorded(0.05)], friction_width=None, validation=[recorded(0.0, seed=1)])
     alone = [e for e in found.estimates if e.determined == "alone"]
     assert len(alone) > 10
     assert all(e.lower < e.value < e.upper and e.std > 0 for e in alone)
@@ -88,7 +122,7 @@ def test_intervals_and_errors_of_noisy_data():
 
 def test_from_a_log_of_positions_alone():
     """Speeds and accelerations by filtering and central differences; positions and torques with noise."""
-    ts, q, u, u_dot = motion_of_arm(200.0, 12.0)
+    ts, q, u, u_dot = motion_of_arm(100.0, 7.5)
     rng, torque = np.random.default_rng(0), efforts(arm(), q, u, u_dot)
     log = kj.Log(
         arm().tree.joint_names, kj.Run("noisy", ts, q + 1e-4 * rng.normal(size=q.shape), torque + 0.1 * rng.normal(size=q.shape))
@@ -110,37 +144,39 @@ def _base_values(found):
 
 
 def test_a_delay_is_found():
-    ts, q, u, u_dot = motion_of_arm(200.0)
-    late = motion_of_arm(200.0)
+    joint = '<joint name="shoulder" axis="0 1 0" damping="0.5" frictionloss="0.4"/>'
+    inertial = '<inertial pos="0.2 0.02 0.01" mass="2" fullinertia="0.01 0.05 0.05 0.001 0.002 -0.001"/>'
+    truth = kj.load(f'<mujoco><worldbody><body name="link">{joint}{inertial}</body></worldbody></mujoco>')
+    truth = truth.replace(friction_width=jnp.full(1, 0.02))
     shift = 0.0123
-    exact = recorded_arm(rate=200.0)
-    torque = np.stack([np.interp(ts - shift, late[0], column) for column in np.asarray(exact.effort).T], -1)
-    motion = kj.Motion(ts, q, u, u_dot, torque)
-    found = kj.identify(
-        nominal(), [motion[20:]], ("inertia", "damping", "coulomb_friction", "offset", "delay"), friction_width=None
-    )
+    fine, *states = motion_of_arm(2000.0, 7.5)
+    ts, *sampled = motion_of_arm(200.0, 7.5)
+    torque = np.asarray(inverse_dynamics(truth, *(jnp.asarray(x[:, 1:2]) for x in states)))[:, 0] + 0.3
+    late = np.interp(ts - shift, fine, torque)[:, None]
+    motion = kj.Motion(ts, *(x[:, 1:2] for x in sampled), late)
+    start = truth.replace(mass=1.3 * truth.mass, damping=jnp.full(1, 0.1), coulomb_friction=jnp.full(1, 0.1))
+    found = kj.identify(start, [motion[20:]], ("inertia", "damping", "coulomb_friction", "offset", "delay"), friction_width=None)
     assert found["delay"].value == pytest.approx(shift, abs=1e-4)
     assert found.converged
 
 
 def test_a_payload_is_found_with_the_arm_known():
-    truth = kj.with_payload(arm(), "fore", name="payload")
+    truth = kj.with_payload(two_links(), "fore", name="payload")
     row = truth.tree.body("payload")
     loaded = truth.replace(
         mass=truth.mass.at[row].set(0.8),
         com=truth.com.at[row].set(jnp.array([0.3, 0.0, 0.05])),
         central_inertia=truth.central_inertia.at[row].set(jnp.diag(jnp.array([1e-3, 2e-3, 2e-3]))),
     )
-    ts, q, u, u_dot = motion_of_arm()
-    motion = kj.Motion(ts, q, u, u_dot, efforts(loaded, q, u, u_dot))
-    plant = kj.Plant(truth, kj.Drives.ideal(truth).replace(offset=OFFSETS))
+    ts, q, u, u_dot = motion_of_two_links()
+    motion = kj.Motion(ts, q, u, u_dot, efforts_of_two_links(loaded, q, u, u_dot))
     unknown = kj.Unknown("inertia", "payload", scale=(1.0, 0.1), prior=kj.Entropic(10.0))
-    found = kj.identify(plant, [motion], [unknown], friction_width=None)
+    found = kj.identify(plant_of_two_links(truth), [motion], [unknown], friction_width=None)
     same_forces(found.model, loaded, 1e-6)
 
 
 def test_stages_that_were_finished_are_not_fitted_again():
-    motion, seen, told = recorded_arm(0.02), {}, []
+    motion, seen, told = recorded(0.02), {}, []
     first = kj.identify(
         nominal(),
         [motion],
@@ -158,10 +194,10 @@ def test_stages_that_were_finished_are_not_fitted_again():
 
 def test_simulation_goes_on_from_inverse_dynamics():
     """Torques are the input of the simulation, so they are exact, and the positions are noisy."""
-    ts, q, u, u_dot = motion_of_arm(100.0, 2.0)
+    ts, q, u, u_dot = motion_of_two_links(duration=2.0)
     noisy = q + 1e-3 * np.random.default_rng(0).normal(size=q.shape)
-    motion = kj.Motion(ts, noisy, u, u_dot, efforts(arm(), q, u, u_dot))
-    heavy = kj.Plant(arm().replace(mass=arm().mass * 1.2), kj.Drives.ideal(arm()).replace(offset=OFFSETS))
+    motion = kj.Motion(ts, noisy, u, u_dot, efforts_of_two_links(two_links(), q, u, u_dot))
+    heavy = plant_of_two_links(two_links().replace(mass=two_links().mass * 1.2))
     found = kj.identify(
         heavy,
         [motion],
@@ -172,14 +208,14 @@ def test_simulation_goes_on_from_inverse_dynamics():
     )
     assert [stage.name for stage in found.stages] == ["linear", "inverse dynamics", "simulation"]
     assert found.converged, found.stages
-    np.testing.assert_allclose(found.model.friction_width, arm().friction_width)
+    np.testing.assert_allclose(found.model.friction_width, two_links().friction_width)
     for name, mass in (("upper.m", 2.0), ("fore.m", 1.0)):
         name = name.replace(".m", ".mass")
         assert abs(found[name].value - mass) < 4 * found[name].std < 0.1 * mass
 
 
 def test_single_precision_models_are_identified_in_double():
-    model, motion = nominal().astype(jnp.float32), recorded_arm()
+    model, motion = nominal().astype(jnp.float32), recorded()
     with jax.enable_x64(False):
         found = kj.identify(model, [motion], friction_width=None)
     assert found.model.dtype == jnp.float32
@@ -197,7 +233,7 @@ def test_single_precision_models_are_identified_in_double():
 )
 def test_options_that_mean_nothing(options, message):
     with pytest.raises(ValueError, match=message):
-        kj.identify(nominal(), [recorded_arm()], **options)
+        kj.identify(nominal(), [recorded()], **options)
 
 
 def test_nothing_to_fit():
@@ -211,7 +247,7 @@ def test_unknown_parameters_are_listed(exact):
 
 
 def test_robust_intervals_are_those_of_the_robust_estimate():
-    motion = recorded_arm(0.02)
+    motion = recorded(0.02)
     effort = np.array(motion.effort)
     effort[::20] += 50.0
     bad = kj.Motion(motion.ts, motion.q, motion.u, motion.u_dot, effort)
@@ -224,10 +260,10 @@ def test_robust_intervals_are_those_of_the_robust_estimate():
 
 def test_what_has_no_effect_at_the_start_may_have_one_at_the_end():
     """The Stribeck speed does not matter as long as there is no Stribeck friction."""
-    plant = kj.Plant(arm(), kj.Drives.ideal(arm()).replace(stribeck_friction=0.5, stribeck_speed=0.2, offset=OFFSETS))
-    ts, q, u, u_dot = motion_of_arm()
+    plant = plant_of_two_links(two_links(), stribeck_friction=0.5, stribeck_speed=0.2)
+    ts, q, u, u_dot = motion_of_two_links()
     signals = jax.jit(jax.vmap(kj.signal, (None, 0, 0, 0)))(plant, *map(jnp.asarray, (q, u, u_dot)))
-    start = kj.Plant(arm(), kj.Drives.ideal(arm()).replace(offset=OFFSETS))
+    start = plant_of_two_links(two_links())
     found = kj.identify(start, kj.Motion(ts, q, u, u_dot, signals), ("stribeck_friction", "stribeck_speed"))
     assert found.converged, found.stages
     assert found["elbow.stribeck_speed"].value == pytest.approx(0.2, rel=1e-4)
@@ -244,7 +280,7 @@ def test_what_has_no_effect_at_the_start_may_have_one_at_the_end():
     ],
 )
 def test_data_that_no_fit_can_use(change, message):
-    motion = recorded_arm()
+    motion = recorded()
     arrays = {name: getattr(motion, name) for name in ("ts", "q", "u", "u_dot", "effort", "weight")}
     arrays |= {name: function(arrays[name]) for name, function in change.items()}
     with pytest.raises(kj.LogError, match=message):
@@ -253,4 +289,4 @@ def test_data_that_no_fit_can_use(change, message):
 
 def test_different_periods():
     with pytest.raises(kj.LogError, match="different periods"):
-        kj.identify(nominal(), [recorded_arm(), recorded_arm(rate=50.0)])
+        kj.identify(nominal(), [recorded(), recorded()[::2]])

@@ -118,11 +118,11 @@ def test_every_leaf_can_be_sought_and_set(plant, dtype, tolerance):
         np.testing.assert_array_equal(np.ravel(leaf), ours)
     np.testing.assert_allclose(found.model.body_position[2], [numbers[f"wrist1.body_position.{x}"] for x in "xyz"], rtol=1e-6)
     assert all(leaf.dtype == dtype for leaf in jax.tree.leaves(found))
-    derivatives = jax.jacfwd(eqx.filter_jit(p.phi))(theta), jax.jacrev(eqx.filter_jit(p.theta_of))(p.phi(p.theta0))
+    derivatives = jax.jit(jax.jacfwd(p.phi))(theta), jax.jit(jax.jacrev(p.theta_of))(eqx.filter_jit(p.phi)(p.theta0))
     assert all(np.isfinite(x).all() for x in derivatives)
     # No coordinate is superfluous.
     assert np.linalg.matrix_rank(derivatives[0].astype(float)) == len(theta)
-    batch = jax.vmap(p.phi)(jnp.stack((theta, p.theta0)))
+    batch = jax.jit(jax.vmap(p.phi))(jnp.stack((theta, p.theta0)))
     assert relative(batch[0], phi) < tolerance
 
 

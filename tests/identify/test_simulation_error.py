@@ -39,6 +39,9 @@ def arm() -> kj.Model:
     return kj.load(ARM)
 
 
+linearized_at = jax.jit(linearized)
+
+
 def effort(ts):
     return np.stack([3.0 * np.sin(5.0 * ts), 1.5 * np.cos(7.0 * ts)], -1)
 
@@ -147,7 +150,9 @@ def test_steps_that_fail_are_not_taken(arm):
     """Where dampers stop all motion, linear equations ask for far less than none, with which the simulation explodes."""
     steps = []
     what = sought(arm, Unknown("damping", bounds=(None, None)), factor=1.0, damping=np.array([5.0, 3.0]))
-    fit = fit_simulation(what, [moved(arm, SIGMA)], substeps=4, progress=steps.append)
+    # Three times the same start: the program of three starts is that of the next test too.
+    starts = jnp.tile(what.theta0[None], (3, 1))
+    fit = fit_simulation(what, [moved(arm, SIGMA)], starts=starts, substeps=4, progress=steps.append)
     assert fit.converged, fit.message
     assert not all(step.accepted for step in steps)
     assert np.all(np.isfinite([step.cost for step in steps]))
@@ -164,7 +169,7 @@ def test_many_starts_and_one_that_comes_to_nothing(arm):
     assert "2 of 3 starts agree" in fit.message
     assert np.isinf(fit.starts[2])
     assert np.all(np.abs(np.asarray(fit.phi - arm.damping)) < 4.0 * deviations(fit))
-    alone = fit_simulation(what, [moved(arm, SIGMA)], starts=starts[2:], substeps=4)
+    alone = fit_simulation(what, [moved(arm, SIGMA)], starts=jnp.tile(starts[2:], (3, 1)), substeps=4)
     assert not alone.converged
     assert "comes to nothing" in alone.message
 
@@ -273,7 +278,7 @@ def test_derivatives_agree_with_central_differences(arm, at_rest):
     def q(point):
         return np.asarray(simulated(rough, point[:4], point[4:], ts, jnp.asarray(signal), what))
 
-    at = jax.jit(linearized)(shooting, point[:4], point[None, 4:], data.sigma, jnp.ones(()))
+    at = linearized_at(shooting, point[:4], point[None, 4:], data.sigma, jnp.ones(()))
     np.testing.assert_allclose(at.states[0, :, :2], q(point), atol=1e-12)
     # One triangle, of the state, phi and the residuals.
     found = np.zeros((9, 9))
@@ -303,10 +308,15 @@ def test_joint_force_inverts_the_drives():
     )
     plant = Plant(model, drives)
     mechanism = Mechanism(prepare(model), drives, model.tree, True)
-    for q, u, u_dot in jnp.asarray(rng.normal(size=(20, 3, nv))):
+
+    @jax.jit
+    @jax.vmap
+    def forces(q, u, u_dot):
         signal = drive_force(plant, q, u, u_dot) / drives.gain
-        expected = kj.inverse_dynamics(model, q, u, u_dot)
-        np.testing.assert_allclose(joint_force(mechanism, signal, q, u), expected, rtol=1e-9, atol=1e-9)
+        return joint_force(mechanism, signal, q, u), kj.inverse_dynamics(model, q, u, u_dot)
+
+    found, expected = forces(*jnp.asarray(rng.normal(size=(3, 20, nv))))
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_cut_takes_every_sample_once():

@@ -10,8 +10,34 @@ import pytest
 
 import kanejax as kj
 from kanejax import robots
+from tests.helpers import components
 
 TIGHT: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13, "max_steps": 20000}
+COUNT = 21
+
+
+class WithoutWeight(eqx.Module):
+    """What holds an arm against gravity, and damps its speeds."""
+
+    model: kj.Model
+    damping: Any = 0.0
+
+    def __call__(self, t, q, u):
+        return -jnp.asarray(self.damping) * u - kj.gravity_force(self.model, q)
+
+
+def moved(model, q, u, end, weightless, rtol=1e-12, atol=1e-13, **options):
+    """COUNT states of a motion without weight: tolerances and parameters are traced, so that many motions share a program."""
+    control = WithoutWeight(weightless, jnp.asarray(options.pop("damping", 0.0)))
+    tolerances: dict[str, Any] = {"rtol": jnp.asarray(rtol), "atol": jnp.asarray(atol), "max_steps": 20000}
+    return kj.simulate(model, q, u, np.linspace(0.0, end, COUNT), control=control, **tolerances, **options)
+
+
+def in_own_speeds(model, q, rates, end, **options):
+    return moved(model, q, rates, end, model, dense=True, **options)
+
+
+rates_of_rows = jax.jit(jax.vmap(kj.rates_from_speeds, (None, 0, 0)))
 
 
 class Turning(eqx.Module):
@@ -53,21 +79,16 @@ def floating_start(model):
     return jnp.asarray(q), jnp.asarray(rng.normal(size=model.nv))
 
 
-def without_weight(model):
-    return lambda t, q, u: -kj.gravity_force(model, q)
-
-
 @pytest.mark.parametrize("body", ["A", "B", "C"])
 def test_every_base_link_gives_the_same_motion(body, arm):
     model = arm.model
     chosen = kj.with_speeds(kj.specialize(model) if body == "B" else model, kj.link_speeds(model, body))
     q, rates, u = start(chosen)
-    ts = np.linspace(0.0, 1.0, 11)
-    expected = kj.simulate(model, q, rates, ts, control=without_weight(model), **TIGHT)
-    found = kj.simulate(chosen, q, u, ts, control=without_weight(model), **TIGHT)
+    expected = in_own_speeds(model, q, rates, 1.0)
+    found = moved(chosen, q, u, 1.0, model)
     assert int(found.status) == kj.Status.SUCCESSFUL
     assert float(jnp.abs(found.q - expected.q).max()) < 1e-9
-    back = jax.vmap(kj.rates_from_speeds, (None, 0, 0))(chosen, jnp.asarray(found.q), jnp.asarray(found.u))
+    back = rates_of_rows(chosen, found.q, found.u)
     assert float(jnp.abs(back - expected.u).max()) < 1e-9
     # Not by doing nothing: all but the first choice change the speeds.
     assert body == "A" or float(jnp.abs(found.u - expected.u).max()) > 0.1
@@ -81,21 +102,19 @@ def test_time_dependent_speeds_of_ball_and_free_joints(floating):
     found = kj.simulate(chosen, q, kj.speeds_from_rates(chosen.at(0.2), q, rates), ts, **TIGHT)
     assert int(found.status) == kj.Status.SUCCESSFUL
     assert float(jnp.abs(found.q - expected.q).max()) < 1e-9
-    back = jax.vmap(lambda t, q, u: kj.rates_from_speeds(chosen.at(t), q, u))(
-        jnp.asarray(ts), jnp.asarray(found.q), jnp.asarray(found.u)
-    )
+    back = jax.jit(jax.vmap(lambda t, q, u: kj.rates_from_speeds(chosen.at(t), q, u)))(ts, found.q, found.u)
     assert float(jnp.abs(back - expected.u).max()) < 1e-9
 
 
 def test_equal_steps_and_control_in_chosen_speeds(arm):
     q, rates, u = start(arm)
-    ts = np.linspace(0.0, 0.5, 6)
+    ts = np.linspace(0.0, 0.5, COUNT)
 
     def damping(t, q, u):
         return -0.5 * kj.rates_from_speeds(arm.at(t), q, u) - kj.gravity_force(arm.model, q)
 
     found = kj.simulate(arm, q, u, ts, control=damping, dt0=1e-3)
-    expected = kj.simulate(arm.model, q, rates, ts, control=lambda t, q, u: -0.5 * u - kj.gravity_force(arm.model, q), dt0=1e-3)
+    expected = in_own_speeds(arm.model, q, rates, 0.5, damping=0.5)
     assert int(found.status) == kj.Status.SUCCESSFUL
     assert float(jnp.abs(found.q - expected.q).max()) < 1e-9
 
@@ -103,31 +122,29 @@ def test_equal_steps_and_control_in_chosen_speeds(arm):
 @pytest.mark.parametrize("rate", [-1.5, -3.0])
 def test_a_motion_that_comes_to_the_singularity_ends_there_undisturbed(arm, rate):
     q, rates, u = start(arm, rate=rate)
-    ts = np.linspace(0.0, 2.0, 21)
-    control = without_weight(arm.model)
-    found = kj.simulate(arm, q, u, ts, control=control)
+    found = moved(arm, q, u, 2.0, arm.model, rtol=1e-6, atol=1e-8)
     assert kj.Status(int(found.status)) is kj.Status.SINGULAR_SPEEDS
     assert not bool(found.ok)
     assert found.event_names[int(found.event)] == "singular speeds"
     first, last = kj.speed_conditioning(arm, q), kj.speed_conditioning(arm, jnp.asarray(found.q_end))
     assert abs(float(last / first) - 1e-3) < 1e-9
     assert 0.0 < float(found.q_end[1]) < 2e-3
-    expected = kj.simulate(arm.model, q, rates, ts, control=control, dense=True, **TIGHT)
+    expected = in_own_speeds(arm.model, q, rates, 2.0)
     reached = np.asarray(found.reached)
-    assert 0 < reached.sum() < 21
+    assert 0 < reached.sum() < COUNT
     assert float(jnp.abs(found.q - expected.q)[reached].max()) < 1e-6
     q_end, rates_end = expected.evaluate(found.t_end)
     assert float(jnp.abs(found.q_end - q_end).max()) < 1e-6
     # Three digits less than the tolerance.
     assert float(jnp.abs(kj.rates_from_speeds(arm, jnp.asarray(found.q_end), jnp.asarray(found.u_end)) - rates_end).max()) < 1e-2
     with pytest.raises(kj.SimulationError, match=r"SINGULAR_SPEEDS at t = .* Go on in other speeds"):
-        kj.simulate(arm, q, u, ts, control=control, throw=True)
+        moved(arm, q, u, 2.0, arm.model, rtol=1e-6, atol=1e-8, throw=True)
 
 
 def test_the_singularity_is_no_event_of_the_user(arm):
     """It ends the motion also where events are passed on."""
     q, _, u = start(arm, rate=-1.5)
-    options: dict[str, Any] = {"control": without_weight(arm.model), "on_event": lambda t, q, u: (q, u)}
+    options: dict[str, Any] = {"control": WithoutWeight(arm.model), "on_event": lambda t, q, u: (q, u)}
     event = {"half way": kj.StateEvent(lambda t, q, u: q[1] - 0.6, "falling")}
     found = kj.simulate(arm, q, u, np.linspace(0.0, 2.0, 5), events=event, **options)
     assert kj.Status(int(found.status)) is kj.Status.SINGULAR_SPEEDS
@@ -135,61 +152,71 @@ def test_the_singularity_is_no_event_of_the_user(arm):
     assert found.event_names == ("half way", "singular speeds")
 
 
+LOOSER: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-10}
+SINGULAR_BETWEEN = [kj.Status.SUCCESSFUL, kj.Status.SINGULAR_SPEEDS, kj.Status.SUCCESSFUL]
+
+
+@pytest.fixture(scope="module")
+def three(arm):
+    """First states, of which the second moves to where the speeds are singular; and the motions, of which the third is heavier."""
+    q, u = (jnp.stack([start(arm, rate=rate)[i] for rate in (0.1, -2.0, 0.2)]) for i in (0, 2))
+    heavier = eqx.tree_at(lambda a: a.model.mass, arm, arm.model.mass[None] * jnp.array([1.0, 1.0, 1.2])[:, None])
+    ts = np.linspace(0.0, 1.0, COUNT)
+    return q, u, kj.simulate_batch(heavier, q, u, ts, threads=1, control=WithoutWeight(arm.model), **LOOSER)
+
+
 @pytest.mark.slow
-def test_a_batch_in_which_one_is_singular(arm):
-    q = jnp.stack([start(arm, rate=r)[0] for r in (0.1, -2.0, 0.2)])
-    u = jnp.stack([start(arm, rate=r)[2] for r in (0.1, -2.0, 0.2)])
-    ts = np.linspace(0.0, 1.0, 5)
-    options: dict[str, Any] = {"control": without_weight(arm.model), "rtol": 1e-9, "atol": 1e-10}
-    at_once = jax.vmap(lambda q, u: kj.simulate(arm, q, u, ts, **options))(q, u)
-    wanted = [kj.Status.SUCCESSFUL, kj.Status.SINGULAR_SPEEDS, kj.Status.SUCCESSFUL]
-    assert np.asarray(at_once.status).tolist() == wanted
-    in_lanes = kj.simulate_batch(arm, q, u, ts, threads=1, **options)
-    assert in_lanes.status.tolist() == wanted
+def test_a_batch_in_which_one_is_singular(arm, three):
+    q, u, in_lanes = three
+    at_once = jax.vmap(lambda q, u: moved(arm, q, u, 1.0, arm.model, **LOOSER))(q, u)
+    for batch in (at_once, in_lanes):
+        assert np.asarray(batch.status).tolist() == SINGULAR_BETWEEN
     for row in (0, 2):
-        alone = kj.simulate(arm, q[row], u[row], ts, **options)
-        assert float(jnp.abs(alone.q - at_once.q[row]).max()) < 1e-9
-        assert float(np.abs(np.asarray(alone.q) - in_lanes.q[row]).max()) < 1e-9
+        alone = np.asarray(moved(arm, q[row], u[row], 1.0, arm.model, **LOOSER).q)
+        assert float(np.abs(alone - at_once.q[row]).max()) < 1e-9
+        # The lanes' third one is heavier.
+        assert (float(np.abs(alone - in_lanes.q[row]).max()) < 1e-9) == (row == 0)
 
 
 @pytest.mark.slow
-def test_domain_randomisation_in_chosen_speeds(arm):
-    q, _, u = start(arm)
-    masses = arm.model.mass[None] * jnp.array([1.0, 1.2])[:, None]
-    heavier = eqx.tree_at(lambda a: a.model.mass, arm, masses)
-    ts = np.linspace(0.0, 0.5, 3)
-    options: dict[str, Any] = {"control": without_weight(arm.model)}
-    found = kj.simulate_batch(heavier, jnp.stack([q, q]), jnp.stack([u, u]), ts, threads=1, **options)
-    one = eqx.tree_at(lambda a: a.model.mass, arm, masses[1])
-    assert float(np.abs(found.q[1] - np.asarray(kj.simulate(one, q, u, ts, **options).q)).max()) < 1e-9
-    assert float(np.abs(found.q[1] - found.q[0]).max()) > 1e-3
+def test_domain_randomisation_in_chosen_speeds(arm, three):
+    q, u, in_lanes = three
+    heavier = eqx.tree_at(lambda a: a.model.mass, arm, 1.2 * arm.model.mass)
+    alone = np.asarray(moved(heavier, q[2], u[2], 1.0, arm.model, **LOOSER).q)
+    light = np.asarray(moved(arm, q[2], u[2], 1.0, arm.model, **LOOSER).q)
+    assert float(np.abs(in_lanes.q[2] - alone).max()) < 1e-9
+    assert float(np.abs(in_lanes.q[2] - light).max()) > 1e-3
 
 
 @pytest.mark.slow
 def test_gradients_of_a_motion_do_not_depend_on_the_speeds(arm):
+    """Reverse mode of adaptive steps in chosen speeds, beside forward mode of equal steps in the model's own."""
     q, rates, _ = start(arm)
     ts = np.linspace(0.0, 0.4, 3)
     # Adaptive steps do not see the sharp rise of a friction that is zero, but its derivative does.
-    model = arm.model.replace(friction_width=jnp.ones(3))
+    point = arm.model.replace(friction_width=jnp.ones(3)), rates
 
-    def loss(model, rates, chosen):
-        moving = kj.with_speeds(model, arm.speeds) if chosen else model
-        u = kj.speeds_from_rates(moving, q, rates) if isinstance(moving, kj.WithSpeeds) else rates
-        return jnp.sum(jnp.sin(kj.simulate(moving, q, u, ts, rtol=1e-11, atol=1e-12).q))
+    def by_chosen(model, rates):
+        moving = kj.with_speeds(model, arm.speeds)
+        return jnp.sum(jnp.sin(kj.simulate(moving, q, kj.speeds_from_rates(moving, q, rates), ts, rtol=1e-11, atol=1e-12).q))
 
-    by_chosen, by_own = (jax.jit(jax.grad(loss, (0, 1)), static_argnums=2)(model, rates, c) for c in (True, False))
-    for found, expected in zip(jax.tree.leaves(by_chosen), jax.tree.leaves(by_own), strict=True):
-        assert float(jnp.abs(found - expected).max()) < 1e-8 * (1.0 + float(jnp.abs(expected).max()))
+    def by_own(model, rates):
+        return jnp.sum(jnp.sin(kj.simulate(model, q, rates, ts, dt0=1e-3).q))
+
+    gradient = jax.jit(jax.grad(by_chosen, (0, 1)))(*point)
+    slope = jax.jit(lambda direction: jax.jvp(by_own, point, direction)[1])
+    for found, expected in zip(jax.tree.leaves(gradient), jax.tree.leaves(components.gradient(slope, point)), strict=True):
+        assert float(jnp.abs(found - expected).max()) < 1e-8 * (1.0 + float(np.abs(expected).max()))
 
 
 def test_float32(arm):
     single = jax.tree.map(lambda x: x.astype(jnp.float32), arm)
     q, rates, u = start(arm)
-    ts = np.linspace(0.0, 0.5, 3)
-    found = kj.simulate(single, q.astype(jnp.float32), u.astype(jnp.float32), ts)
+    ts = np.linspace(0.0, 0.5, COUNT)
+    found = kj.simulate(single, q.astype(jnp.float32), u.astype(jnp.float32), ts, control=WithoutWeight(single.model))
     assert found.q.dtype == jnp.float32
     assert int(found.status) == kj.Status.SUCCESSFUL
-    expected = kj.simulate(arm.model, q, rates, ts)
+    expected = in_own_speeds(arm.model, q, rates, 0.5)
     assert float(np.abs(np.asarray(found.q, np.float64) - expected.q).max()) < 1e-3
 
 
