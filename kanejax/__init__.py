@@ -79,36 +79,17 @@ from kanejax._operation_count import OperationCount as OperationCount, operation
 # What needs MuJoCo, diffrax or rich is imported when it is first used: they take longer than all else here. Type checkers read
 # the imports, Python reads the table.
 if _typing.TYPE_CHECKING:
-    from kanejax._identify.base_parameters import BaseParameters as BaseParameters, base_parameters as base_parameters
-    from kanejax._identify.columns import Columns as Columns, Units as Units
-    from kanejax._identify.delay import Delay as Delay, estimated_delay as estimated_delay
-    from kanejax._identify.excitation import ExcitationDesign as ExcitationDesign, excitation as excitation
-    from kanejax._identify.fourier_motion import (
+    from kanejax._excitation.excitation import ExcitationDesign as ExcitationDesign, excitation as excitation
+    from kanejax._excitation.fourier_motion import (
         FourierMotion as FourierMotion,
         motion_table as motion_table,
         write_csv as write_csv,
     )
-    from kanejax._identify.identify import identify as identify
-    from kanejax._identify.linear_estimate import (
-        LinearEstimate as LinearEstimate,
-        identifiable as identifiable,
-        linear_estimate as linear_estimate,
-    )
-    from kanejax._identify.log import Log as Log, Run as Run
-    from kanejax._identify.motion import Motion as Motion, split as split
-    from kanejax._identify.motion_information import (
+    from kanejax._excitation.motion_information import (
         MotionInformation as MotionInformation,
         motion_information as motion_information,
     )
-    from kanejax._identify.parameterization import (
-        Parameterization as Parameterization,
-        parameterization as parameterization,
-    )
-    from kanejax._identify.payload import with_payload as with_payload
-    from kanejax._identify.plant import Drives as Drives, Plant as Plant, drive_force as drive_force, signal as signal
-    from kanejax._identify.priors import Entropic as Entropic, Gaussian as Gaussian, Geodesic as Geodesic
-    from kanejax._identify.processing import motions as motions
-    from kanejax._identify.read_log import read_log as read_log
+    from kanejax._identify.identify import identify as identify
     from kanejax._identify.report.page import write_report as write_report
     from kanejax._identify.result import (
         Comparison as Comparison,
@@ -116,13 +97,30 @@ if _typing.TYPE_CHECKING:
         Identification as Identification,
         relative_error as relative_error,
     )
-    from kanejax._identify.simulation_error import fit_simulation as fit_simulation
-    from kanejax._identify.simulation_fit import FitInterrupted as FitInterrupted, SimulationFit as SimulationFit
-    from kanejax._identify.unknowns import Unknown as Unknown
     from kanejax._io.export import to_mjcf as to_mjcf, to_mujoco as to_mujoco
     from kanejax._io.load import LoadReport as LoadReport, load as load, load_report as load_report
     from kanejax._io.mujoco import from_mujoco as from_mujoco
     from kanejax._io.urdf_inertials import to_urdf_inertials as to_urdf_inertials
+    from kanejax._logs.columns import Columns as Columns, Units as Units
+    from kanejax._logs.delay import Delay as Delay, estimated_delay as estimated_delay
+    from kanejax._logs.log import Log as Log, Run as Run
+    from kanejax._logs.motion import Motion as Motion, split as split
+    from kanejax._logs.processing import motions as motions
+    from kanejax._logs.read_log import read_log as read_log
+    from kanejax._parameters.parameterization import (
+        Parameterization as Parameterization,
+        parameterization as parameterization,
+    )
+    from kanejax._parameters.payload import with_payload as with_payload
+    from kanejax._parameters.plant import Drives as Drives, Plant as Plant, drive_force as drive_force, signal as signal
+    from kanejax._parameters.priors import Entropic as Entropic, Gaussian as Gaussian, Geodesic as Geodesic
+    from kanejax._parameters.unknowns import Unknown as Unknown
+    from kanejax._regression.base_parameters import BaseParameters as BaseParameters, base_parameters as base_parameters
+    from kanejax._regression.linear_estimate import (
+        LinearEstimate as LinearEstimate,
+        identifiable as identifiable,
+        linear_estimate as linear_estimate,
+    )
     from kanejax._simulate.batch import SimulationInterrupted as SimulationInterrupted, simulate_batch as simulate_batch
     from kanejax._simulate.beta_scheme import BetaScheme as BetaScheme
     from kanejax._simulate.control import TorqueTable as TorqueTable
@@ -133,41 +131,43 @@ if _typing.TYPE_CHECKING:
         Status as Status,
         Trajectory as Trajectory,
     )
+    from kanejax._simulation_fit.simulation_error import fit_simulation as fit_simulation
+    from kanejax._simulation_fit.simulation_fit import FitInterrupted as FitInterrupted, SimulationFit as SimulationFit
     from kanejax._validate.report import ValidationReport as ValidationReport, ValidationRow as ValidationRow
     from kanejax._validate.validate import validate as validate
 else:
     _LATER = {
-        "_identify.base_parameters": ("BaseParameters", "base_parameters"),
-        "_identify.columns": ("Columns", "Units"),
-        "_identify.delay": ("Delay", "estimated_delay"),
-        "_identify.linear_estimate": ("LinearEstimate", "identifiable", "linear_estimate"),
-        "_identify.log": ("Log", "Run"),
-        "_identify.motion": ("Motion", "split"),
-        "_identify.excitation": ("ExcitationDesign", "excitation"),
-        "_identify.fourier_motion": ("FourierMotion", "motion_table", "write_csv"),
+        "_excitation.excitation": ("ExcitationDesign", "excitation"),
+        "_excitation.fourier_motion": ("FourierMotion", "motion_table", "write_csv"),
+        "_excitation.motion_information": ("MotionInformation", "motion_information"),
         "_identify.identify": ("identify",),
-        "_identify.motion_information": ("MotionInformation", "motion_information"),
-        "_identify.parameterization": ("Parameterization", "parameterization"),
-        "_identify.payload": ("with_payload",),
-        "_identify.plant": ("Drives", "Plant", "drive_force", "signal"),
-        "_identify.priors": ("Entropic", "Gaussian", "Geodesic"),
-        "_identify.processing": ("motions",),
-        "_identify.read_log": ("read_log",),
         "_identify.report.page": ("write_report",),
         "_identify.result": ("Comparison", "Estimate", "Identification", "relative_error"),
-        "_identify.simulation_error": ("fit_simulation",),
-        "_identify.simulation_fit": ("FitInterrupted", "SimulationFit"),
-        "_identify.unknowns": ("Unknown",),
         "_io.export": ("to_mjcf", "to_mujoco"),
         "_io.load": ("LoadReport", "load", "load_report"),
         "_io.mujoco": ("from_mujoco",),
         "_io.urdf_inertials": ("to_urdf_inertials",),
+        "_logs.columns": ("Columns", "Units"),
+        "_logs.delay": ("Delay", "estimated_delay"),
+        "_logs.log": ("Log", "Run"),
+        "_logs.motion": ("Motion", "split"),
+        "_logs.processing": ("motions",),
+        "_logs.read_log": ("read_log",),
+        "_parameters.parameterization": ("Parameterization", "parameterization"),
+        "_parameters.payload": ("with_payload",),
+        "_parameters.plant": ("Drives", "Plant", "drive_force", "signal"),
+        "_parameters.priors": ("Entropic", "Gaussian", "Geodesic"),
+        "_parameters.unknowns": ("Unknown",),
+        "_regression.base_parameters": ("BaseParameters", "base_parameters"),
+        "_regression.linear_estimate": ("LinearEstimate", "identifiable", "linear_estimate"),
         "_simulate.batch": ("SimulationInterrupted", "simulate_batch"),
         "_simulate.beta_scheme": ("BetaScheme",),
         "_simulate.control": ("TorqueTable",),
         "_simulate.events": ("JointLimitBounce", "StateEvent"),
         "_simulate.simulate": ("simulate",),
         "_simulate.trajectory": ("SimulationError", "Status", "Trajectory"),
+        "_simulation_fit.simulation_error": ("fit_simulation",),
+        "_simulation_fit.simulation_fit": ("FitInterrupted", "SimulationFit"),
         "_validate.report": ("ValidationReport", "ValidationRow"),
         "_validate.validate": ("validate",),
     }

@@ -24,7 +24,12 @@ BELOW = {
     "_kinematics": {"_types", "_scalar", "_model", "_recursion", "_evaluate"},
     "_dynamics": {"_types", "_scalar", "_model", "_recursion", "_evaluate", "_kinematics"},
     "_simulate": {"_types", "_scalar", "_model", "_recursion", "_evaluate", "_kinematics", "_dynamics", "_errors"},
-    "_identify": {"_types", "_scalar", "_model", "_evaluate", "_kinematics", "_dynamics", "_simulate", "_errors"},
+    "_logs": {"_model", "_errors"},
+    "_parameters": {"_types", "_scalar", "_model", "_evaluate", "_dynamics", "_errors"},
+    "_regression": {"_logs", "_parameters", "_model", "_evaluate", "_dynamics", "_errors"},
+    "_excitation": {"_regression", "_types", "_model", "_evaluate", "_dynamics", "_errors"},
+    "_simulation_fit": {"_logs", "_parameters", "_model", "_dynamics", "_simulate", "_errors"},
+    "_identify": {"_logs", "_parameters", "_regression", "_simulation_fit", "_model", "_errors"},
 }
 
 

@@ -28,15 +28,15 @@ from scipy.signal import savgol_filter
 
 import kanejax as kj
 from experiments.benchmarks.harness import Table, at_least, report
-from kanejax._identify.base_parameters import base_parameters
-from kanejax._identify.motion import Motion
-from kanejax._identify.parameterization import parameterization
-from kanejax._identify.plant import Drives, Plant
-from kanejax._identify.priors import Entropic
-from kanejax._identify.simulation_error import fit_simulation
-from kanejax._identify.simulation_fit import SimulationFit
-from kanejax._identify.unknowns import Unknown
+from kanejax._logs.motion import Motion
 from kanejax._model.inertia import inertia_parameters
+from kanejax._parameters.parameterization import parameterization
+from kanejax._parameters.plant import Drives, Plant
+from kanejax._parameters.priors import Entropic
+from kanejax._parameters.unknowns import Unknown
+from kanejax._regression.base_parameters import base_parameters
+from kanejax._simulation_fit.simulation_error import fit_simulation
+from kanejax._simulation_fit.simulation_fit import SimulationFit
 
 STEP, STEPS, SEEDS = 0.002, 1000, (0, 1, 2)
 NOISE, TORQUE_NOISE = 1e-3, 0.05

@@ -20,10 +20,10 @@ from rich.console import Console
 
 import kanejax as kj
 from experiments.thesis import record
-from kanejax._identify.excitation import ExcitationDesign, excitation
-from kanejax._identify.fourier_motion import write_csv
-from kanejax._identify.motion_information import DEFAULT, MotionInformation, motion_information
-from kanejax._identify.motion_search import Progress, states
+from kanejax._excitation.excitation import ExcitationDesign, excitation
+from kanejax._excitation.fourier_motion import write_csv
+from kanejax._excitation.motion_information import DEFAULT, MotionInformation, motion_information
+from kanejax._excitation.motion_search import Progress, states
 
 RESULTS = Path(__file__).parents[2] / "results" / "identification"
 URDF = "panda_description/urdf/panda.urdf"

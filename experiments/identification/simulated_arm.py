@@ -27,13 +27,13 @@ import kanejax as kj
 from experiments.identification.excitation import Arm, panda
 from experiments.identification.simulated_arm_picture import QUANTILE, Errors, Masses, Shown, Values, picture
 from experiments.thesis import record
-from kanejax._identify.compress import compress, residuals
-from kanejax._identify.fit import fit_inverse_dynamics
-from kanejax._identify.information import information
-from kanejax._identify.linear_estimate import error_scale, identifiable, linear_estimate, signal_sizes
-from kanejax._identify.linearization import Samples
-from kanejax._identify.pseudo_inertia import consistency
-from kanejax._identify.samples import samples_of
+from kanejax._parameters.pseudo_inertia import consistency
+from kanejax._regression.compress import compress, residuals
+from kanejax._regression.fit import fit_inverse_dynamics
+from kanejax._regression.information import information
+from kanejax._regression.linear_estimate import error_scale, identifiable, linear_estimate, signal_sizes
+from kanejax._regression.linearization import Samples
+from kanejax._regression.samples import samples_of
 
 RESULTS = Path(__file__).parents[2] / "results" / "identification"
 LINKS = tuple(f"panda_link{i}" for i in range(1, 8))

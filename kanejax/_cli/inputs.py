@@ -13,14 +13,14 @@ from kanejax._cli.terminal import load
 from kanejax._errors import KanejaxError
 from kanejax._identify.configuration import Configuration, ConfigurationError, configured_plant, read_configuration
 from kanejax._identify.identify import INVERSE_DYNAMICS, UNKNOWNS
-from kanejax._identify.log import Log
-from kanejax._identify.motion import Motion, split
-from kanejax._identify.parameterization import parameterization
-from kanejax._identify.plant import Plant
-from kanejax._identify.processing import motions
-from kanejax._identify.read_log import read_log
-from kanejax._identify.unknowns import Unknown
 from kanejax._io.load import LoadReport
+from kanejax._logs.log import Log
+from kanejax._logs.motion import Motion, split
+from kanejax._logs.processing import motions
+from kanejax._logs.read_log import read_log
+from kanejax._parameters.parameterization import parameterization
+from kanejax._parameters.plant import Plant
+from kanejax._parameters.unknowns import Unknown
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""Identification: from logs of a robot to the plant that made them, with what is known of it."""
+"""Identification in one call: the stages one after another, what is known in the end, and the report."""

@@ -6,17 +6,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from kanejax._identify.base_parameters import BaseParameters
-from kanejax._identify.compress import residuals
-from kanejax._identify.information import Information, information, inverted
-from kanejax._identify.linear_estimate import identifiable, robust_scale, signal_sizes
-from kanejax._identify.motion import Motion
-from kanejax._identify.parameterization import Parameterization
-from kanejax._identify.pseudo_inertia import consistency
 from kanejax._identify.result import BaseEstimates, Comparison, Estimate, Identification, Stage
-from kanejax._identify.samples import samples_of
 from kanejax._identify.sentences import determined, sentences
+from kanejax._logs.motion import Motion
 from kanejax._model.inertia import inertia_parameters
+from kanejax._parameters.parameterization import Parameterization
+from kanejax._parameters.pseudo_inertia import consistency
+from kanejax._regression.base_parameters import BaseParameters
+from kanejax._regression.compress import residuals
+from kanejax._regression.information import Information, information, inverted
+from kanejax._regression.linear_estimate import identifiable, robust_scale, signal_sizes
+from kanejax._regression.samples import samples_of
 
 # Of the standard normal distribution, 95 % lie within this.
 _QUANTILE = 1.959963984540054

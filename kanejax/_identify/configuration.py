@@ -10,12 +10,12 @@ from typing import Any, NoReturn, final
 import numpy as np
 
 from kanejax._errors import KanejaxError
-from kanejax._identify.columns import Columns, Units
 from kanejax._identify.configuration_keys import KEYS, NUMBER, PRIORS, written
-from kanejax._identify.plant import Drives, Plant
-from kanejax._identify.priors import Gaussian, Prior
-from kanejax._identify.unknowns import Unknown
+from kanejax._logs.columns import Columns, Units
 from kanejax._model.model import Model
+from kanejax._parameters.plant import Drives, Plant
+from kanejax._parameters.priors import Gaussian, Prior
+from kanejax._parameters.unknowns import Unknown
 
 _TABLES = ("log", "motion", "locked", "drives", "unknown", "identify", "simulation", "output")
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from kanejax._identify.identify import STAGES
-from kanejax._identify.plant import Drives
-from kanejax._identify.priors import Entropic, Gaussian, Geodesic
+from kanejax._parameters.plant import Drives
+from kanejax._parameters.priors import Entropic, Gaussian, Geodesic
 
 PRIORS = {"gaussian": Gaussian, "entropic": Entropic, "geodesic": Geodesic}
 

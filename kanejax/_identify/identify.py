@@ -11,24 +11,24 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from kanejax._errors import LogError
-from kanejax._identify.compress import residuals
 from kanejax._identify.conclusions import conclusions
-from kanejax._identify.delay import estimated_delay
-from kanejax._identify.fit import Fit, fit_inverse_dynamics
-from kanejax._identify.linear_estimate import identifiable, linear_estimate
-from kanejax._identify.linearization import Samples
-from kanejax._identify.log import Log
-from kanejax._identify.motion import Motion, split
-from kanejax._identify.parameterization import Parameterization, parameterization
-from kanejax._identify.plant import Drives, Plant
-from kanejax._identify.priors import Entropic
-from kanejax._identify.processing import motions
 from kanejax._identify.result import Identification, Stage
-from kanejax._identify.samples import check_motions, samples_of
-from kanejax._identify.simulation_error import fit_simulation
-from kanejax._identify.simulation_fit import SimulationFit
-from kanejax._identify.unknowns import Unknown
+from kanejax._logs.delay import estimated_delay
+from kanejax._logs.log import Log
+from kanejax._logs.motion import Motion, split
+from kanejax._logs.processing import motions
 from kanejax._model.model import Model
+from kanejax._parameters.parameterization import Parameterization, parameterization
+from kanejax._parameters.plant import Drives, Plant
+from kanejax._parameters.priors import Entropic
+from kanejax._parameters.unknowns import Unknown
+from kanejax._regression.compress import residuals
+from kanejax._regression.fit import Fit, fit_inverse_dynamics
+from kanejax._regression.linear_estimate import identifiable, linear_estimate
+from kanejax._regression.linearization import Samples
+from kanejax._regression.samples import check_motions, samples_of
+from kanejax._simulation_fit.simulation_error import fit_simulation
+from kanejax._simulation_fit.simulation_fit import SimulationFit
 
 INVERSE_DYNAMICS, SIMULATION = "inverse dynamics", "simulation"
 STAGES = (INVERSE_DYNAMICS, SIMULATION)

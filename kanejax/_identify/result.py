@@ -6,10 +6,10 @@ from typing import Literal, NamedTuple, final
 import numpy as np
 from jaxtyping import Array, Float
 
-from kanejax._identify.information import Spectrum
-from kanejax._identify.parameterization import Parameterization
-from kanejax._identify.plant import Drives, Plant
 from kanejax._model.model import Model
+from kanejax._parameters.parameterization import Parameterization
+from kanejax._parameters.plant import Drives, Plant
+from kanejax._regression.information import Spectrum
 
 Determined = Literal["alone", "in combination", "not at all", "not by these data"]
 

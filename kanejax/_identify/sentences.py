@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from kanejax._identify.base_parameters import BaseParameters
 from kanejax._identify.result import BaseEstimates, Determined, Stage
+from kanejax._regression.base_parameters import BaseParameters
 
 # Residuals this small beside the signals are rounding errors.
 _PERFECT = 1e-6

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kanejax as kj
-from kanejax._identify.base_parameters import grouped, random_states
+from kanejax._regression.base_parameters import grouped, random_states
 
 PENDULUM = """<mujoco><worldbody><body name="rod"><joint name="hinge" axis="0 1 0"/>
 <inertial pos="0 0 -1" mass="2" diaginertia="0.1 0.2 0.3"/></body></worldbody></mujoco>"""

@@ -9,12 +9,12 @@ import pytest
 
 import kanejax as kj
 from kanejax._identify import configuration as module, identify
-from kanejax._identify.columns import Columns, Units
 from kanejax._identify.configuration import ConfigurationError, configured_plant, parsed_configuration, read_configuration
-from kanejax._identify.priors import Entropic, Gaussian, Geodesic
-from kanejax._identify.processing import motions
-from kanejax._identify.simulation_error import fit_simulation
-from kanejax._identify.unknowns import Unknown
+from kanejax._logs.columns import Columns, Units
+from kanejax._logs.processing import motions
+from kanejax._parameters.priors import Entropic, Gaussian, Geodesic
+from kanejax._parameters.unknowns import Unknown
+from kanejax._simulation_fit.simulation_error import fit_simulation
 
 FULL = """
 [log]

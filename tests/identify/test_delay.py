@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from kanejax._errors import LogError
-from kanejax._identify.delay import estimated_delay
-from kanejax._identify.motion import Motion
+from kanejax._logs.delay import estimated_delay
+from kanejax._logs.motion import Motion
 
 RATE = 200.0
 TS = np.arange(0.0, 12.0, 1.0 / RATE)

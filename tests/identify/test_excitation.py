@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import kanejax as kj
-from kanejax._identify import excitation as module, motion_information as information_module
-from kanejax._identify.columns import Columns
-from kanejax._identify.excitation import excitation
-from kanejax._identify.fourier_motion import FourierMotion, motion_table, rest_directions, write_csv
-from kanejax._identify.motion_information import base_of_unknowns, force_columns, motion_information
-from kanejax._identify.motion_search import CHECKED, SAMPLES, between_times
-from kanejax._identify.read_log import read_log
+from kanejax._excitation import excitation as module, motion_information as information_module
+from kanejax._excitation.excitation import excitation
+from kanejax._excitation.fourier_motion import FourierMotion, motion_table, rest_directions, write_csv
+from kanejax._excitation.motion_information import base_of_unknowns, force_columns, motion_information
+from kanejax._excitation.motion_search import CHECKED, SAMPLES, between_times
+from kanejax._logs.columns import Columns
+from kanejax._logs.read_log import read_log
 from kanejax._model.inertia import inertia_parameters
 
 PERIOD, HARMONICS = 6.0, 4

@@ -9,16 +9,16 @@ import pytest
 from helpers.robot_logs import OFFSETS, arm, efforts, motion_of_arm, recorded_arm
 
 import kanejax as kj
-from kanejax._identify.compress import CHUNK, compress, residuals, sums_of_squares
-from kanejax._identify.fit import fit_inverse_dynamics
-from kanejax._identify.information import information
-from kanejax._identify.linear_estimate import identifiable, linear_estimate
-from kanejax._identify.linearization import linearization, predicted_with_derivative
-from kanejax._identify.parameterization import Parameterization, parameterization
-from kanejax._identify.plant import Drives, Plant, signal
-from kanejax._identify.pseudo_inertia import consistency
-from kanejax._identify.samples import samples_of
-from kanejax._identify.unknowns import Unknown
+from kanejax._parameters.parameterization import Parameterization, parameterization
+from kanejax._parameters.plant import Drives, Plant, signal
+from kanejax._parameters.pseudo_inertia import consistency
+from kanejax._parameters.unknowns import Unknown
+from kanejax._regression.compress import CHUNK, compress, residuals, sums_of_squares
+from kanejax._regression.fit import fit_inverse_dynamics
+from kanejax._regression.information import information
+from kanejax._regression.linear_estimate import identifiable, linear_estimate
+from kanejax._regression.linearization import linearization, predicted_with_derivative
+from kanejax._regression.samples import samples_of
 
 # Of all recordings, so that all fits share their compiled programs [s]: eleven blocks of `information` and a little.
 DURATION = 28.2

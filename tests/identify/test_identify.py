@@ -138,7 +138,7 @@ def _base_values(found):
     truth = np.asarray(found.phi).copy()
     truth[: 10 * arm().nbody] = np.asarray(kj.inertia_parameters(arm())).ravel()
     truth[10 * arm().nbody :] = np.concatenate((arm().damping, arm().coulomb_friction, OFFSETS))
-    from kanejax._identify.linear_estimate import identifiable
+    from kanejax._regression.linear_estimate import identifiable
 
     return identifiable(found.parameterization).matrix @ truth
 
@@ -153,7 +153,8 @@ def test_a_delay_is_found():
     ts, *sampled = motion_of_arm(200.0, 7.5)
     torque = np.asarray(inverse_dynamics(truth, *(jnp.asarray(x[:, 1:2]) for x in states)))[:, 0] + 0.3
     late = np.interp(ts - shift, fine, torque)[:, None]
-    motion = kj.Motion(ts, *(x[:, 1:2] for x in sampled), late)
+    q, u, u_dot = (x[:, 1:2] for x in sampled)
+    motion = kj.Motion(ts, q, u, u_dot, late)
     start = truth.replace(mass=1.3 * truth.mass, damping=jnp.full(1, 0.1), coulomb_friction=jnp.full(1, 0.1))
     found = kj.identify(start, [motion[20:]], ("inertia", "damping", "coulomb_friction", "offset", "delay"), friction_width=None)
     assert found["delay"].value == pytest.approx(shift, abs=1e-4)

@@ -16,7 +16,7 @@ from kanejax._cli.kept import KeptStages
 from kanejax._cli.terminal import BAD_INPUT, FAILED, INTERRUPTED
 from kanejax._identify import identify as module
 from kanejax._identify.result import Stage
-from kanejax._identify.simulation_fit import SimulationFit
+from kanejax._simulation_fit.simulation_fit import SimulationFit
 
 ARM = """<robot name="arm"><!-- kept --><link name="base"/>
 <link name="upper"><inertial><origin xyz="0.15 0.01 0.02"/><mass value="2"/>

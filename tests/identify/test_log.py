@@ -8,7 +8,7 @@ import pytest
 
 import kanejax as kj
 from kanejax._errors import LogError
-from kanejax._identify.log import Log, Run
+from kanejax._logs.log import Log, Run
 
 TS = np.array([0.0, 0.1, 0.25, 0.3])
 Q = np.arange(8.0).reshape(4, 2)

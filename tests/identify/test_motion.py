@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from kanejax._identify.motion import Motion, split
+from kanejax._logs.motion import Motion, split
 
 
 def signal(t, rate=0):

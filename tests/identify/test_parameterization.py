@@ -9,13 +9,13 @@ import scipy.linalg
 from helpers.mechanisms import relative
 
 import kanejax as kj
-from kanejax._identify.leaves import LEAVES
-from kanejax._identify.parameterization import parameterization
-from kanejax._identify.payload import with_payload
-from kanejax._identify.plant import Drives, Plant, signal
-from kanejax._identify.priors import Entropic, Gaussian, Geodesic
-from kanejax._identify.pseudo_inertia import pseudo_inertia
-from kanejax._identify.unknowns import Unknown
+from kanejax._parameters.leaves import LEAVES
+from kanejax._parameters.parameterization import parameterization
+from kanejax._parameters.payload import with_payload
+from kanejax._parameters.plant import Drives, Plant, signal
+from kanejax._parameters.priors import Entropic, Gaussian, Geodesic
+from kanejax._parameters.pseudo_inertia import pseudo_inertia
+from kanejax._parameters.unknowns import Unknown
 
 XML = """<mujoco><compiler angle="radian"/><worldbody><body name="base"><inertial pos="0 0 0" mass="9" diaginertia="1 1 1"/>
 <body name="arm" pos="0 0 1" quat="1 0.1 0.2 0.3"><inertial pos="0.2 0.1 0" mass="2" diaginertia="0.1 0.2 0.25"/>

@@ -7,7 +7,7 @@ import pytest
 from helpers.mechanisms import random_states, random_tree, relative
 
 import kanejax as kj
-from kanejax._identify.payload import with_payload
+from kanejax._parameters.payload import with_payload
 
 
 def test_payloads_weigh_what_they_say():

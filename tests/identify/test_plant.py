@@ -7,7 +7,7 @@ import pytest
 from helpers.mechanisms import random_tree, relative
 
 import kanejax as kj
-from kanejax._identify.plant import Drives, Plant, drive_force, motor_signal, signal
+from kanejax._parameters.plant import Drives, Plant, drive_force, motor_signal, signal
 
 RNG = np.random.default_rng(0)
 

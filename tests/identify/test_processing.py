@@ -11,10 +11,10 @@ import scipy.signal
 
 import kanejax as kj
 from kanejax._errors import LogError
-from kanejax._identify.columns import Columns
-from kanejax._identify.log import Log, Run
-from kanejax._identify.processing import motions
-from kanejax._identify.read_log import read_log
+from kanejax._logs.columns import Columns
+from kanejax._logs.log import Log, Run
+from kanejax._logs.processing import motions
+from kanejax._logs.read_log import read_log
 
 UR10E = pathlib.Path(os.environ.get("KANEJAX_DATA", pathlib.Path(__file__).parents[2].parent / "shared/data")) / "ur10e"
 ARM = """

@@ -8,9 +8,9 @@ import scipy.linalg
 from helpers.mechanisms import random_tree, relative
 
 import kanejax as kj
-from kanejax._identify.matrix_logarithm import _second_difference, matrix_logarithm
-from kanejax._identify.nominal_body import Size, default_size, nominal_body
-from kanejax._identify.pseudo_inertia import (
+from kanejax._parameters.matrix_logarithm import _second_difference, matrix_logarithm
+from kanejax._parameters.nominal_body import Size, default_size, nominal_body
+from kanejax._parameters.pseudo_inertia import (
     consistency,
     entropic_residuals,
     geodesic_residuals,

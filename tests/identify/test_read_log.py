@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from kanejax._errors import LogError
-from kanejax._identify.columns import Columns, Units
-from kanejax._identify.read_log import read_log
+from kanejax._logs.columns import Columns, Units
+from kanejax._logs.read_log import read_log
 
 JOINTS = ("shoulder", "elbow")
 N = 40
@@ -234,7 +234,7 @@ def test_a_missing_package_is_named(tmp_path, monkeypatch, module, extra):
 
 
 def test_packages_are_imported_when_a_file_needs_them():
-    program = "import sys, kanejax._identify.read_log; assert not {'pyarrow', 'mcap', 'mcap_ros2', 'pandas'} & set(sys.modules)"
+    program = "import sys, kanejax._logs.read_log; assert not {'pyarrow', 'mcap', 'mcap_ros2', 'pandas'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", program], check=True)
 
 

@@ -10,9 +10,6 @@ import numpy as np
 import pytest
 
 import kanejax as kj
-from kanejax._identify.information import Spectrum
-from kanejax._identify.parameterization import parameterization
-from kanejax._identify.plant import Drives, Plant
 from kanejax._identify.record import identification_record
 from kanejax._identify.report.numbers import number, number_with_error, percent
 from kanejax._identify.report.page import write_report
@@ -21,6 +18,9 @@ from kanejax._identify.report.signals import errors, signal_names, signal_units
 from kanejax._identify.report.tables import error_rows, parameter_groups
 from kanejax._identify.report.verdict import inconsistent_bodies, sentences_on_fit, verdict
 from kanejax._identify.result import BaseEstimates, Comparison, Estimate, Identification, Stage
+from kanejax._parameters.parameterization import parameterization
+from kanejax._parameters.plant import Drives, Plant
+from kanejax._regression.information import Spectrum
 
 ARM = """<mujoco><worldbody><body name="upper"><joint name="a&lt;b&gt; &amp; &quot;c&quot;" axis="0 1 0"/>
 <geom size="0.1" mass="2" pos="0.2 0 0"/><body name="fore" pos="0.4 0 0"><joint name="lift" type="slide" axis="0 1 0"/>

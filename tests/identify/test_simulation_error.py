@@ -10,18 +10,18 @@ from helpers.mechanisms import random_tree
 
 import kanejax as kj
 from kanejax._errors import UnknownNameError, UnsupportedModelError
-from kanejax._identify.joint_force import Mechanism, joint_force
-from kanejax._identify.motion import Motion
-from kanejax._identify.parameterization import parameterization
-from kanejax._identify.plant import Drives, Plant, drive_force
-from kanejax._identify.recorded import recorded
-from kanejax._identify.runge_kutta import RungeKutta4
-from kanejax._identify.shooting import Shooting, linearized, shifted
-from kanejax._identify.simulation_error import fit_simulation
-from kanejax._identify.simulation_fit import FitInterrupted
-from kanejax._identify.unknowns import Unknown
-from kanejax._identify.windows import cut
+from kanejax._logs.motion import Motion
 from kanejax._model.prepared import prepare
+from kanejax._parameters.joint_force import Mechanism, joint_force
+from kanejax._parameters.parameterization import parameterization
+from kanejax._parameters.plant import Drives, Plant, drive_force
+from kanejax._parameters.unknowns import Unknown
+from kanejax._simulation_fit.recorded import recorded
+from kanejax._simulation_fit.runge_kutta import RungeKutta4
+from kanejax._simulation_fit.shooting import Shooting, linearized, shifted
+from kanejax._simulation_fit.simulation_error import fit_simulation
+from kanejax._simulation_fit.simulation_fit import FitInterrupted
+from kanejax._simulation_fit.windows import cut
 
 ARM = """
 <mujoco><compiler angle="radian"/><worldbody>
@@ -197,7 +197,7 @@ def test_iterations_that_do_not_suffice(arm):
 
 
 def test_nothing_compiles_again_for_other_data(arm, noisy, monkeypatch):
-    monkeypatch.setattr("kanejax._identify.search.linearized", None)
+    monkeypatch.setattr("kanejax._simulation_fit.search.linearized", None)
     fit = fit_simulation(sought(arm, factor=0.9), [moved(arm, SIGMA, 5)], substeps=4, sigma={"q": 2e-3})
     assert fit.converged
     np.testing.assert_allclose(fit.sigma["q"], 2e-3)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import kanejax as kj
-from kanejax._identify.parameterization import parameterization
-from kanejax._identify.plant import Drives, Plant
-from kanejax._identify.priors import Entropic, Gaussian, Geodesic
-from kanejax._identify.unknowns import Unknown
+from kanejax._parameters.parameterization import parameterization
+from kanejax._parameters.plant import Drives, Plant
+from kanejax._parameters.priors import Entropic, Gaussian, Geodesic
+from kanejax._parameters.unknowns import Unknown
 
 INERTIAL = '<inertial pos="0 0 0.1" mass="1" diaginertia="0.1 0.2 0.25"/>'
 XML = f"""<mujoco><worldbody><body name="base">{INERTIAL}<body name="arm">{INERTIAL}<joint name="yaw" damping="0.3"/>

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from kanejax._identify.information import Spectrum
 from kanejax._identify.report.svg import COLORS, report_package, svg
 from kanejax._identify.result import Comparison
+from kanejax._regression.information import Spectrum
 
 
 def fit_picture(comparison: Comparison, index: int, name: str, unit: str, bins: int, key: str) -> str:

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from kanejax._identify.leaves import elements
 from kanejax._identify.result import Comparison, Identification
+from kanejax._parameters.leaves import elements
 
 
 class Errors(NamedTuple):

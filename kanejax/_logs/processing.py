@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from kanejax._errors import LogError, UnsupportedModelError
-from kanejax._identify.filters import automatic_cutoff, differentiated, lowpassed, settling_time, uniform_times
-from kanejax._identify.log import Log, Run
-from kanejax._identify.motion import Motion
-from kanejax._identify.uniform import Resampling, uniform_runs
+from kanejax._logs.filters import automatic_cutoff, differentiated, lowpassed, settling_time, uniform_times
+from kanejax._logs.log import Log, Run
+from kanejax._logs.motion import Motion
+from kanejax._logs.uniform import Resampling, uniform_runs
 from kanejax._model.model import Model
 
 # What is not filtered for itself is, before decimation, with this order at this part of the Nyquist frequency that is left: of what

@@ -17,8 +17,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from kanejax._identify.matrix_logarithm import matrix_logarithm
 from kanejax._model.inertia import InertiaParameters, second_moment, six
+from kanejax._parameters.matrix_logarithm import matrix_logarithm
 
 Matrices = Float[Array, "*bodies n n"]
 PseudoInertia = Float[Array, "*bodies 4 4"]

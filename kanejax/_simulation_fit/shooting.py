@@ -19,11 +19,11 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from kanejax._dynamics.regressor import prepare_with
-from kanejax._identify.joint_force import Mechanism, joint_force
-from kanejax._identify.parameterization import Parameterization
-from kanejax._identify.windows import Pieces
+from kanejax._parameters.joint_force import Mechanism, joint_force
+from kanejax._parameters.parameterization import Parameterization
 from kanejax._simulate.control import Controlled
 from kanejax._simulate.system import System, rates
+from kanejax._simulation_fit.windows import Pieces
 
 # Numbers in the Jacobian of as many pieces as are taken up at a time.
 _NUMBERS = 2**18

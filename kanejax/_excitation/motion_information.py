@@ -13,10 +13,10 @@ from kanejax._dynamics.equations_of_motion import inverse_dynamics_kernel
 from kanejax._dynamics.regressor import prepare_with, regressor
 from kanejax._errors import UnknownNameError
 from kanejax._evaluate import evaluate_prepared
-from kanejax._identify.base_parameters import ORDER, TOLERANCE, BaseParameters, enough_states, grouped, random_states
-from kanejax._identify.fourier_motion import Numbers, one_coordinate_joints
+from kanejax._excitation.fourier_motion import Numbers, one_coordinate_joints
 from kanejax._model.inertia import NAMES, inertia_parameters
 from kanejax._model.model import Model
+from kanejax._regression.base_parameters import ORDER, TOLERANCE, BaseParameters, enough_states, grouped, random_states
 from kanejax._types import Coordinates, Speeds
 
 Scaling = Literal["length", "nominal"]

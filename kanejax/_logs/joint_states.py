@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kanejax._errors import LogError
-from kanejax._identify.columns import listed
-from kanejax._identify.tables import Samples, Table, package
+from kanejax._logs.columns import listed
+from kanejax._logs.tables import Samples, Table, package
 
 _TIMES = ("time", "log_time", "publish_time")
 _QUANTITIES = ("position", "velocity", "effort")

@@ -16,10 +16,10 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from kanejax._identify.compress import HUBER, Compressed, combined, compress, residuals, sums_of_squares
-from kanejax._identify.linear_estimate import UNEXCITED, error_scale, robust_scale, scaled_gram, signal_sizes
-from kanejax._identify.linearization import Samples, delay_index
-from kanejax._identify.parameterization import Parameterization
+from kanejax._parameters.parameterization import Parameterization
+from kanejax._regression.compress import HUBER, Compressed, combined, compress, residuals, sums_of_squares
+from kanejax._regression.linear_estimate import UNEXCITED, error_scale, robust_scale, scaled_gram, signal_sizes
+from kanejax._regression.linearization import Samples, delay_index
 
 # How far a step may go, relative to the parameters' own scales, and how this changes when a step fails.
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-9, 1e9

@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from kanejax._identify.pseudo_inertia import (
+from kanejax._model.inertia import symmetric
+from kanejax._parameters.pseudo_inertia import (
     inertia_of,
     inertia_parameters_of,
     matrix_from_coordinates,
@@ -17,7 +18,6 @@ from kanejax._identify.pseudo_inertia import (
     pseudo_inertia,
     upper_triangle,
 )
-from kanejax._model.inertia import symmetric
 
 # What is nearer to its border than this, as a fraction of its scale, of its interval, or of the nominal body, is said to be at it.
 AT_BORDER = 1e-3

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from kanejax._errors import UnknownNameError
-from kanejax._identify.motion import Motion
-from kanejax._identify.shooting import Measured
+from kanejax._logs.motion import Motion
 from kanejax._model.tree import Tree
+from kanejax._simulation_fit.shooting import Measured
 
 
 class Recorded(NamedTuple):

@@ -8,16 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from kanejax._errors import InvalidParameterError
-from kanejax._identify.coordinates import (
+from kanejax._model.model import Model
+from kanejax._parameters.coordinates import (
     AbstractCoordinates,
     BoundedCoordinates,
     CentralInertiaCoordinates,
     InertiaCoordinates,
 )
-from kanejax._identify.leaves import LEAVES, Element, default_bounds
-from kanejax._identify.nominal_body import NominalBody, Size, default_size, nominal_body
-from kanejax._identify.unknowns import Unknown, bounds_of_parts
-from kanejax._model.model import Model
+from kanejax._parameters.leaves import LEAVES, Element, default_bounds
+from kanejax._parameters.nominal_body import NominalBody, Size, default_size, nominal_body
+from kanejax._parameters.unknowns import Unknown, bounds_of_parts
 
 # A bounded number that is nearer to its bound than the first fraction of its scale, or of the interval, starts at the second.
 _NEAR_BOUND, _SAFE_START = 1e-3, 0.1

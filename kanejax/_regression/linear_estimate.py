@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from kanejax._identify.base_parameters import BaseParameters, enough_states, grouped, random_states
-from kanejax._identify.compress import Compressed, compress, residuals, sums_of_squares
-from kanejax._identify.linearization import Samples, derivatives, linearization
-from kanejax._identify.motion import Motion
-from kanejax._identify.parameterization import Parameterization
-from kanejax._identify.samples import samples_of
+from kanejax._logs.motion import Motion
 from kanejax._model.inertia import NAMES
+from kanejax._parameters.parameterization import Parameterization
+from kanejax._regression.base_parameters import BaseParameters, enough_states, grouped, random_states
+from kanejax._regression.compress import Compressed, compress, residuals, sums_of_squares
+from kanejax._regression.linearization import Samples, derivatives, linearization
+from kanejax._regression.samples import samples_of
 
 Method = Literal["ordinary", "weighted", "huber"]
 # Of the parameters of a body, those that are rather grouped into others come last; see base_parameters.

@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from kanejax._identify.block import Block, CarriedAlong, block
-from kanejax._identify.leaves import LEAVES
-from kanejax._identify.plant import Plant
-from kanejax._identify.unknowns import Unknown
 from kanejax._model.inertia import inertia_parameters, with_inertia_parameters
 from kanejax._model.tree import Tree
+from kanejax._parameters.block import Block, CarriedAlong, block
+from kanejax._parameters.leaves import LEAVES
+from kanejax._parameters.plant import Plant
+from kanejax._parameters.unknowns import Unknown
 
 # Leaves in which the signals are affine together, as long as friction does not depend on the load.
 _AFFINE = {"inertia", "mass", "armature", "damping", "coulomb_friction", "stiffness", "offset", "stribeck_friction"}

@@ -5,8 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from kanejax._identify.filters import interpolated, uniform_times
-from kanejax._identify.log import Run
+from kanejax._logs.filters import interpolated, uniform_times
+from kanejax._logs.log import Run
 
 Resampling = Literal["cubic", "linear"]
 

@@ -9,16 +9,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from kanejax._errors import InvalidParameterError
-from kanejax._identify.coordinates import AbstractCoordinates
-from kanejax._identify.directions import tilted_axes, turned_quaternions
-from kanejax._identify.leaves import LEAVES, Element
-from kanejax._identify.plant import Drives, Plant
-from kanejax._identify.priors import Entropic, Gaussian, Geodesic
-from kanejax._identify.pseudo_inertia import entropic_residuals, geodesic_residuals
-from kanejax._identify.start import start_of_bodies, start_of_numbers
-from kanejax._identify.unknowns import Unknown, selected
 from kanejax._model.inertia import inertia_parameters, six, symmetric
 from kanejax._model.model import Model
+from kanejax._parameters.coordinates import AbstractCoordinates
+from kanejax._parameters.directions import tilted_axes, turned_quaternions
+from kanejax._parameters.leaves import LEAVES, Element
+from kanejax._parameters.plant import Drives, Plant
+from kanejax._parameters.priors import Entropic, Gaussian, Geodesic
+from kanejax._parameters.pseudo_inertia import entropic_residuals, geodesic_residuals
+from kanejax._parameters.start import start_of_bodies, start_of_numbers
+from kanejax._parameters.unknowns import Unknown, selected
 
 # Leaves that mean nothing for bodies that are only frames.
 _OF_MASS = ("inertia", "mass", "com", "central_inertia")

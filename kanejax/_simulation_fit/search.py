@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from kanejax._identify.levenberg_marquardt import FIRST_DAMPING, MOST_DAMPING, Proposal, cost, next_damping, proposal
-from kanejax._identify.parameterization import Parameterization
-from kanejax._identify.recorded import Recorded
-from kanejax._identify.shooting import Linearization, Shooting, linearized
-from kanejax._identify.simulation_fit import Iteration, Prediction, SimulationFit
+from kanejax._parameters.parameterization import Parameterization
+from kanejax._simulation_fit.levenberg_marquardt import FIRST_DAMPING, MOST_DAMPING, Proposal, cost, next_damping, proposal
+from kanejax._simulation_fit.recorded import Recorded
+from kanejax._simulation_fit.shooting import Linearization, Shooting, linearized
+from kanejax._simulation_fit.simulation_fit import Iteration, Prediction, SimulationFit
 
 # Standard deviations that change by less than this are not estimated again, and not more often than this.
 _SIGMA_CHANGE, _SIGMA_ROUNDS = 0.05, 4

@@ -17,9 +17,9 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from kanejax._dynamics.equations_of_motion import inverse_dynamics
-from kanejax._identify.fourier_motion import FourierMotion
-from kanejax._identify.motion_information import force_columns
-from kanejax._identify.motion_limits import Margins, MotionLimits
+from kanejax._excitation.fourier_motion import FourierMotion
+from kanejax._excitation.motion_information import force_columns
+from kanejax._excitation.motion_limits import Margins, MotionLimits
 from kanejax._model.model import Model
 
 Objective = Literal["log det", "condition number"]

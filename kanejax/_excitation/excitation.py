@@ -9,9 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from kanejax._identify.base_parameters import BaseParameters
-from kanejax._identify.fourier_motion import FourierMotion, Numbers, check_period, one_coordinate_joints, rest_directions
-from kanejax._identify.motion_information import (
+from kanejax._excitation.fourier_motion import FourierMotion, Numbers, check_period, one_coordinate_joints, rest_directions
+from kanejax._excitation.motion_information import (
     DEFAULT,
     MotionInformation,
     Scaling,
@@ -20,8 +19,8 @@ from kanejax._identify.motion_information import (
     motion_information,
     nominal_sizes,
 )
-from kanejax._identify.motion_limits import Margins, MotionLimits, motion_limits, typical_speed
-from kanejax._identify.motion_search import (
+from kanejax._excitation.motion_limits import Margins, MotionLimits, motion_limits, typical_speed
+from kanejax._excitation.motion_search import (
     CHECKED,
     Candidates,
     Objective,
@@ -35,6 +34,7 @@ from kanejax._identify.motion_search import (
     states,
 )
 from kanejax._model.model import Model
+from kanejax._regression.base_parameters import BaseParameters
 
 
 @final

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 from kanejax._dynamics.active_force import passive_force
 from kanejax._dynamics.equations_of_motion import _forward_dynamics
 from kanejax._evaluate import evaluate_prepared
-from kanejax._identify.plant import Drives
 from kanejax._model.prepared import Prepared
 from kanejax._model.tree import Tree
+from kanejax._parameters.plant import Drives
 from kanejax._types import Coordinates, Forces, Speeds
 
 

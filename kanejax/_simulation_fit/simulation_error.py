@@ -16,17 +16,17 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from kanejax._errors import UnsupportedModelError
-from kanejax._identify.motion import Motion
-from kanejax._identify.parameterization import Parameterization
-from kanejax._identify.recorded import recorded
-from kanejax._identify.runge_kutta import RungeKutta4
-from kanejax._identify.search import Search
-from kanejax._identify.shooting import Shooting
-from kanejax._identify.simulation_fit import FitInterrupted, Iteration, SimulationFit
-from kanejax._identify.windows import cut
+from kanejax._logs.motion import Motion
+from kanejax._parameters.parameterization import Parameterization
 from kanejax._simulate.checks import check_positive
 from kanejax._simulate.control import as_control
 from kanejax._simulate.runge_kutta import ExplicitRungeKutta
+from kanejax._simulation_fit.recorded import recorded
+from kanejax._simulation_fit.runge_kutta import RungeKutta4
+from kanejax._simulation_fit.search import Search
+from kanejax._simulation_fit.shooting import Shooting
+from kanejax._simulation_fit.simulation_fit import FitInterrupted, Iteration, SimulationFit
+from kanejax._simulation_fit.windows import cut
 
 OUTPUTS = ("q", "u", "effort")
 

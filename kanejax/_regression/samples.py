@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from kanejax._errors import LogError
-from kanejax._identify.linearization import Samples
-from kanejax._identify.motion import Motion
+from kanejax._logs.motion import Motion
+from kanejax._regression.linearization import Samples
 
 
 def check_motions(motions: Sequence[Motion]) -> None:

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from kanejax._identify.parameterization import Parameterization
-from kanejax._identify.shooting import Linearization
+from kanejax._parameters.parameterization import Parameterization
+from kanejax._simulation_fit.shooting import Linearization
 
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
 # A step is taken if it lowers the cost by this share of what was promised.

@@ -18,11 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
-from kanejax._identify.base_parameters import BaseParameters
-from kanejax._identify.compress import HUBER
-from kanejax._identify.linear_estimate import UNEXCITED, scaled_gram
-from kanejax._identify.linearization import Samples, chunks, derivatives, linearization
-from kanejax._identify.parameterization import Parameterization
+from kanejax._parameters.parameterization import Parameterization
+from kanejax._regression.base_parameters import BaseParameters
+from kanejax._regression.compress import HUBER
+from kanejax._regression.linear_estimate import UNEXCITED, scaled_gram
+from kanejax._regression.linearization import Samples, chunks, derivatives, linearization
 
 # Fewest and most samples of a block.
 _SHORTEST, _LONGEST = 32, 2048

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, final
 
 from kanejax._errors import UnknownNameError
-from kanejax._identify.leaves import LEAVES, Element, elements, owners
-from kanejax._identify.priors import Entropic, Gaussian, Geodesic, Prior
 from kanejax._model.tree import Tree
+from kanejax._parameters.leaves import LEAVES, Element, elements, owners
+from kanejax._parameters.priors import Entropic, Gaussian, Geodesic, Prior
 
 Bound = float | tuple[float, ...]
 # Leaves whose numbers are free coordinates already, or are kept physical by others.

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from kanejax._errors import LogError
-from kanejax._identify.motion import Motion
+from kanejax._logs.motion import Motion
 
 # Delays on each side of zero that are tried first.
 _TRIED = 50

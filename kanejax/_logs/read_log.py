@@ -9,10 +9,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from kanejax._errors import LogError
-from kanejax._identify.columns import QUANTITIES, Columns, Units, selected
-from kanejax._identify.joint_states import mcap_table
-from kanejax._identify.log import Log, Run
-from kanejax._identify.tables import Table, npz_table, parquet_table, text_table
+from kanejax._logs.columns import QUANTITIES, Columns, Units, selected
+from kanejax._logs.joint_states import mcap_table
+from kanejax._logs.log import Log, Run
+from kanejax._logs.tables import Table, npz_table, parquet_table, text_table
 
 FileFormat = Literal["csv", "parquet", "npz", "mcap"]
 Range = tuple[int | None, int | None]

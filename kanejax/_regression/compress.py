@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from kanejax._identify.linearization import (
+from kanejax._parameters.parameterization import Parameterization
+from kanejax._regression.linearization import (
     CHUNK,
     Samples,
     chunks,
@@ -23,7 +24,6 @@ from kanejax._identify.linearization import (
     predicted_at_samples,
     predicted_with_derivatives,
 )
-from kanejax._identify.parameterization import Parameterization
 
 # Errors of more standard deviations than this count less: as efficient as least squares to 95 % where errors are normal.
 HUBER = 1.345

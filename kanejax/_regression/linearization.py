@@ -15,10 +15,10 @@ from jaxtyping import Array, Float
 
 from kanejax._dynamics.regressor import prepare_with
 from kanejax._evaluate import evaluate_prepared
-from kanejax._identify.parameterization import Parameterization
-from kanejax._identify.plant import Drives, force_and_load, motor_signal
 from kanejax._model.prepared import Prepared
 from kanejax._model.tree import Tree
+from kanejax._parameters.parameterization import Parameterization
+from kanejax._parameters.plant import Drives, force_and_load, motor_signal
 
 # Samples that are evaluated at a time.
 CHUNK = 512

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
-from kanejax._identify.fourier_motion import Numbers
+from kanejax._excitation.fourier_motion import Numbers
 from kanejax._model.model import Model
 
 

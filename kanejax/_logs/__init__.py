@@ -1,0 +1,1 @@
+"""Recordings of robots: read, cleaned, and made into motions."""
