@@ -26,7 +26,7 @@ from kanejax._sharding import call_in_parts, is_split, result_type, vary_alike
 
 CHUNK = 256
 # Chunks of whole vectors: other lengths can take LLVM ten times as long to compile.
-VECTOR = 16
+VECTOR = 32
 
 Arrays = tuple[jax.Array, ...]
 Indices = tuple[int, ...]

@@ -28,7 +28,7 @@ BELOW = {
     "_parameters": {"_types", "_scalar", "_model", "_evaluate", "_dynamics", "_errors"},
     "_regression": {"_logs", "_parameters", "_model", "_evaluate", "_dynamics", "_errors"},
     "_excitation": {"_regression", "_types", "_model", "_evaluate", "_dynamics", "_errors"},
-    "_simulation_fit": {"_logs", "_parameters", "_model", "_dynamics", "_simulate", "_errors"},
+    "_simulation_fit": {"_logs", "_parameters", "_regression", "_model", "_dynamics", "_simulate", "_errors"},
     "_identify": {"_logs", "_parameters", "_regression", "_simulation_fit", "_model", "_errors"},
 }
 

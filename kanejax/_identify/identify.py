@@ -96,7 +96,7 @@ def identify(
             irregular times they are resampled like the others.
         stages: which, in order.
         simulation_options: of the stage "simulation": such as `windows`, `control` and `substeps` of `fit_simulation`.
-        robust: let errors far out count less, by Huber's function, in the stage "inverse dynamics".
+        robust: let errors far out count less, by Huber's function (Huber 1964).
         friction_width: where Coulomb friction is sought and its width is not: the width in the stage "inverse dynamics", relative
             to each joint's greatest recorded speed. Inverse dynamics is no harder for friction that sets in at once, but a
             simulation is: it takes the model's widths, and so does the first stage with None. Where the delay is sought it is at
@@ -172,7 +172,8 @@ def _staged(problem: _Problem, course: _Course) -> Identification:
 def _fit_simulation(sought: Parameterization, training: Sequence[Motion], starts: jax.Array, course: _Course) -> SimulationFit:
     """Fit with friction that sets in more and more at once."""
     tell, width = course.progress, sought.given.model.friction_width
-    options = {"progress": None if tell is None else lambda it: tell(SIMULATION, it), **course.simulation_options}
+    told = None if tell is None else lambda it: tell(SIMULATION, it)
+    options = {"progress": told, "robust": course.robust, **course.simulation_options}
     for factor in course.anneal:
         starts = fit_simulation(_with_widths(sought, factor * width), training, starts=starts, **options).theta[None]
     return fit_simulation(sought, training, starts=starts, **options)

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from kanejax._parameters.parameterization import Parameterization
+from kanejax._regression.huber import huber_weight
 from kanejax._regression.linearization import (
     CHUNK,
     Samples,
@@ -24,9 +25,6 @@ from kanejax._regression.linearization import (
     predicted_at_samples,
     predicted_with_derivatives,
 )
-
-# Errors of more standard deviations than this count less: as efficient as least squares to 95 % where errors are normal.
-HUBER = 1.345
 
 
 class Compressed(NamedTuple):
@@ -56,7 +54,7 @@ def compress(
         parameterization: what is sought.
         phi: where to linearise.
         samples: states and signals.
-        scale: standard deviation of each signal's errors: those of more than `HUBER` times that weigh less, by Huber's function.
+        scale: standard deviation of each signal's errors: those far out weigh less, by Huber's function.
         chunk: samples at a time.
     """
     tree, at, delay = parameterization.tree, linearization(parameterization, phi), delay_index(parameterization)
@@ -71,8 +69,7 @@ def compress(
 def _taken_up(total: Compressed, value: jax.Array, derivative: jax.Array, piece: Samples, scale: jax.Array | None) -> Compressed:
     error, weight = piece.effort - value, piece.weight
     if scale is not None:
-        limit = HUBER * scale[None]
-        weight = weight * jnp.minimum(1.0, limit / jnp.maximum(jnp.abs(error), jnp.finfo(error.dtype).tiny))
+        weight = weight * huber_weight(jnp.abs(error) / scale[None])
     whole = jnp.concatenate((derivative, error[..., None]), -1)
     # A weight of zero also takes out what is not a number.
     rows = jnp.where(weight[..., None] > 0, jnp.sqrt(weight)[..., None] * whole, 0.0)

@@ -17,7 +17,8 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from kanejax._parameters.parameterization import Parameterization
-from kanejax._regression.compress import HUBER, Compressed, combined, compress, residuals, sums_of_squares
+from kanejax._regression.compress import Compressed, combined, compress, residuals, sums_of_squares
+from kanejax._regression.huber import huber_cost
 from kanejax._regression.linear_estimate import UNEXCITED, error_scale, robust_scale, scaled_gram, signal_sizes
 from kanejax._regression.linearization import Samples, delay_index
 
@@ -139,8 +140,7 @@ class _Signals:
             return float(_cost(self.parameterization, compressed, sigma, theta))
         phi, prior = self.parameterization.phi(theta), self.parameterization.prior(theta)
         sizes = jnp.abs(residuals(self.parameterization, phi, self._at(phi))) / sigma[None]
-        far = HUBER * (2.0 * sizes - HUBER)
-        return float(jnp.sum(jnp.where(sizes < HUBER, sizes**2, far)) + jnp.sum(prior * prior))
+        return float(jnp.sum(huber_cost(sizes)) + jnp.sum(prior * prior))
 
 
 def _fit_linear(signals: _Signals, thetas: jax.Array, max_rounds: int, progress: Callable[[Step], None] | None) -> Fit:

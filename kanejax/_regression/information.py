@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from kanejax._parameters.parameterization import Parameterization
 from kanejax._regression.base_parameters import BaseParameters
-from kanejax._regression.compress import HUBER
+from kanejax._regression.huber import HUBER
 from kanejax._regression.linear_estimate import UNEXCITED, scaled_gram
 from kanejax._regression.linearization import Samples, chunks, derivatives, linearization
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from kanejax._parameters.parameterization import Parameterization
+from kanejax._regression.huber import HUBER
 from kanejax._simulation_fit.levenberg_marquardt import FIRST_DAMPING, MOST_DAMPING, Proposal, cost, next_damping, proposal
 from kanejax._simulation_fit.recorded import Recorded
 from kanejax._simulation_fit.shooting import Linearization, Shooting, linearized
@@ -70,6 +71,9 @@ class Search:
             if not self._estimate_sigma() or left <= 0:
                 break
             states = self.point.states
+            if shooting.robust:
+                # Other residuals are far out now, and the fit moves, which tight gaps would make a long way.
+                self.tightness = np.full(len(self.thetas), _LOOSE)
 
     def _point(self, shooting: Shooting, thetas: jax.Array, states: jax.Array, tightness: np.ndarray) -> _Point:
         return _point(shooting, thetas, states, self.sigma, jnp.asarray(tightness, thetas.dtype))
@@ -170,14 +174,34 @@ class Search:
         order = [(not end[0], value if np.isfinite(value) else np.inf) for end, value in zip(self.ends, costs, strict=True)]
         return min(range(len(order)), key=order.__getitem__)
 
-    def _squares(self) -> np.ndarray:
-        return np.asarray(self.point.at.squares[self.best], float)
+    def _sizes(self) -> np.ndarray:
+        """Standard deviations of each output's errors at the best start."""
+        if self.shooting.robust:
+            sizes = np.where(self._counting(), np.asarray(self.point.at.sizes[self.best]), np.nan)
+            missing = np.isnan(sizes).all((0, 1))
+            return np.asarray(self.sigma) * 1.4826 * np.nanmedian(np.where(missing, 0.0, sizes), (0, 1))
+        count, fitted = self.data.count, self._fitted()
+        left = np.maximum(count * (1.0 - fitted / max(count.sum(), 1)), 1.0)
+        return np.sqrt(np.asarray(self.point.at.squares[self.best], float) / left)
+
+    def _counting(self) -> np.ndarray:
+        """Which residuals of the pieces count."""
+        index = np.asarray(self.shooting.pieces.index)[:, :-1]
+        weight = np.where(np.asarray(self.shooting.inside)[..., None], np.asarray(self.shooting.measured.weight)[index], 0.0)
+        return np.broadcast_to((weight > 0)[:, :, None], (*index.shape, *self.sigma.shape))
+
+    def _precision(self) -> float:
+        """What a robust fit's factor has to be multiplied by to be that of its covariance (Huber 1964); 1 for others."""
+        if not self.shooting.robust:
+            return 1.0
+        sizes = np.asarray(self.point.at.sizes[self.best], float)[self._counting()]
+        pull = float(np.mean(np.minimum(sizes, HUBER) ** 2) * np.mean(HUBER / np.maximum(sizes, HUBER)))
+        return float(np.mean(sizes < HUBER)) / np.sqrt(pull) if pull > 0 else 1.0
 
     def _estimate_sigma(self) -> bool:
         """Standard deviations from the residuals, for outputs whose is not given; whether one has changed."""
-        count, fitted = self.data.count, self._fitted()
-        left = np.maximum(count * (1.0 - fitted / max(count.sum(), 1)), 1.0)
-        found = np.maximum(np.sqrt(self._squares() / left), 100.0 * self.data.least)
+        count = self.data.count
+        found = np.maximum(self._sizes(), 100.0 * self.data.least)
         old = np.asarray(self.sigma, float)
         new = np.where(self.data.is_given | ~np.isfinite(found) | (count == 0), old, found)
         if np.all(np.abs(new / old - 1.0) < _SIGMA_CHANGE):
@@ -211,7 +235,7 @@ class Search:
             iterations=len(self.history),
             cost=float(costs[best]),
             history=tuple(self.history),
-            factor=at.factor,
+            factor=at.factor * self._precision(),
             count=int(data.count.sum()) - (self._fitted() - len(theta)),
             sigma=dict(zip(names, np.asarray(self.sigma, float), strict=True)),
             rms=dict(zip(names, sizes, strict=True)),

@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from kanejax._dynamics.regressor import prepare_with
 from kanejax._parameters.joint_force import Mechanism, joint_force
 from kanejax._parameters.parameterization import Parameterization
+from kanejax._regression.huber import huber_cost, huber_weight
 from kanejax._simulate.control import Controlled
 from kanejax._simulate.system import System, rates
 from kanejax._simulation_fit.windows import Pieces
@@ -47,9 +48,10 @@ class Linearization(NamedTuple):
     Attributes:
         factor: upper triangle, (n + 1, n + 1).
         back: of each piece.
-        misfit: sum of squared residuals, each divided by its standard deviation.
+        misfit: sum of squared residuals, each divided by its standard deviation; of Huber's function of them, if the fit is robust.
         gaps: sum of the squared gaps [rad/s, m/s] from the end of each piece to the state of the next, where they are joined.
         squares: sum of squared residuals of each output, before they are divided by its standard deviation.
+        sizes: of the residuals at each sample, divided by their standard deviations.
         states: coordinates and speeds at each sample.
         predicted: outputs at each sample.
     """
@@ -59,6 +61,7 @@ class Linearization(NamedTuple):
     misfit: Float[Array, ""]
     gaps: Float[Array, ""]
     squares: Float[Array, "noutput nv"]
+    sizes: Float[Array, "pieces length noutput nv"]
     states: Float[Array, "pieces length nx"]
     predicted: Float[Array, "pieces length noutput nv"]
 
@@ -81,6 +84,7 @@ class Shooting(eqx.Module):
         interpolation: of the effort between samples; static.
         has_delay: whether the signal's delay counts; static.
         has_load_friction: see `Mechanism`; static.
+        robust: whether residuals far out count less; static.
     """
 
     parameterization: Parameterization
@@ -96,6 +100,7 @@ class Shooting(eqx.Module):
     interpolation: str = eqx.field(static=True)
     has_delay: bool = eqx.field(static=True)
     has_load_friction: bool = eqx.field(static=True)
+    robust: bool = eqx.field(static=True)
 
 
 class _Piece(NamedTuple):
@@ -147,9 +152,9 @@ def linearized(
 
     start = jnp.zeros((nx + size + 1, nx + size + 1), phi.dtype).at[:nx].set(held)
     triangle, found = lax.scan(take_up, start, _blocks(pieces, blocks))
-    back, misfit, gaps, squares, states, predicted = (x.reshape(-1, *x.shape[2:])[:number] for x in found)
+    back, misfit, gaps, squares, *of_samples = (x.reshape(-1, *x.shape[2:])[:number] for x in found)
     misfit, gaps, squares = (jnp.sum(x, 0) for x in (misfit, gaps, squares))
-    return Linearization(triangle[nx:, nx:], back, misfit, gaps, squares, states, predicted)
+    return Linearization(triangle[nx:, nx:], back, misfit, gaps, squares, *of_samples)
 
 
 def _pieces(shooting: Shooting, phi: jax.Array, starts: jax.Array) -> _Piece:
@@ -202,6 +207,9 @@ def _linearized_piece(
     ((states, predicted), (states_by, predicted_by)) = jax.vmap(along, out_axes=((None, None), (-1, -1)))(directions)
     scale = jnp.sqrt(piece.weight)[:, None, :] / sigma[None]
     error = jnp.where(scale > 0, predicted - piece.outputs, 0.0)
+    size = jnp.abs(scale * error)
+    if shooting.robust:
+        scale = scale * jnp.sqrt(huber_weight(size))
     derivative = jnp.where(scale[..., None] > 0, scale[..., None] * predicted_by, 0.0)
     rows = jnp.concatenate((derivative, (scale * error)[..., None]), -1).reshape(-1, len(point) + 1)
     rows = jnp.linalg.qr(rows, mode="r")
@@ -212,7 +220,8 @@ def _linearized_piece(
     end, one = units[:, None] * states_by[piece.count], jnp.diag(units)
     links = tightness * jnp.concatenate((end[:, :nx], -one, end[:, nx:], gap[:, None]), 1)
     squares = jnp.sum(piece.weight[:, None, :] * error**2, 0)
-    return rows, links, jnp.sum((scale * error) ** 2), jnp.sum(gap**2), squares, states[:-1], predicted
+    misfit = huber_cost(size) if shooting.robust else size**2
+    return rows, links, jnp.sum(misfit), jnp.sum(gap**2), squares, size, states[:-1], predicted
 
 
 def _simulated(shooting: Shooting, phi: jax.Array, start: jax.Array, piece: _Piece) -> tuple[jax.Array, jax.Array]:

@@ -45,6 +45,7 @@ def fit_simulation(
     solver: diffrax.AbstractSolver | None = None,
     substeps: int = 1,
     interpolation: str = "linear",
+    robust: bool = False,
     max_iterations: int = 50,
     progress: Callable[[Iteration], None] | None = None,
 ) -> SimulationFit:
@@ -69,6 +70,7 @@ def fit_simulation(
         solver: of diffrax; by default the classical Runge-Kutta method of order four.
         substeps: equal steps from sample to sample.
         interpolation: of the effort between samples: "linear", or "hold" until the next sample.
+        robust: let residuals far out count less, by Huber's function (Huber 1964), also where standard deviations are estimated.
         max_iterations: for each length of the windows.
         progress: called after every iteration.
 
@@ -96,6 +98,7 @@ def fit_simulation(
         outputs=outputs,
         substeps=int(substeps),
         interpolation=interpolation,
+        robust=robust,
         **_what_counts(parameterization),
     )
     search = Search(parameterization, thetas, data, progress)

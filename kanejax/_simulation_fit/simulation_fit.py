@@ -48,10 +48,10 @@ class SimulationFit:
         converged: whether it came to a minimum.
         message: the same in words.
         iterations: steps that were tried.
-        cost: sum of squared residuals, each divided by its standard deviation, plus that of the priors.
+        cost: sum of squared residuals, each divided by its standard deviation, or of Huber's function of them; and of the priors.
         history: one entry an iteration.
         factor: upper triangle R, (n + 1, n + 1): with the change d of phi the sum of squared residuals is that of R [d, 1], and the
-            initial states have been taken out. Without priors.
+            initial states have been taken out. Without priors. Of a robust fit, scaled to the precision that it has.
         count: number of residuals, less that of the initial states that were fitted to them.
         sigma: standard deviation of each output, (nv,) each.
         rms: root mean square of the residuals of each output, (nv,) each.

@@ -104,6 +104,30 @@ def test_standard_deviations_agree_with_many_fits(arm, noisy):
     np.testing.assert_allclose(np.std(found, axis=0), deviations(noisy), rtol=0.6)
 
 
+def with_outliers(motion, seed):
+    """One of twelve samples far off."""
+    rng = np.random.default_rng(100 + seed)
+    far = rng.uniform(size=motion.q.shape) < 1 / 12
+    return Motion(
+        motion.ts, np.asarray(motion.q) + far * rng.uniform(-0.2, 0.2, motion.q.shape), motion.u, motion.u_dot, motion.effort
+    )
+
+
+def test_robust_fits_do_not_mind_outliers_and_know_their_precision(arm):
+    fits = [
+        fit_simulation(sought(arm, factor=1.1), [with_outliers(moved(arm, SIGMA, seed), seed)], substeps=4, robust=True)
+        for seed in range(10)
+    ]
+    assert all(fit.converged for fit in fits), [fit.message for fit in fits]
+    np.testing.assert_allclose([fit.sigma["q"] for fit in fits], SIGMA, rtol=0.4)
+    errors = np.array([fit.phi - arm.mass for fit in fits]) / deviations(fits[0])
+    assert np.abs(errors).max() < 4.0
+    # Twenty errors, of which the two of a fit are correlated.
+    assert 0.5 < np.sqrt(np.mean(errors**2)) < 1.6
+    plain = fit_simulation(sought(arm, factor=1.1), [with_outliers(moved(arm, SIGMA), 0)], substeps=4)
+    assert np.abs((plain.phi - arm.mass) / deviations(fits[0])).max() > 5.0
+
+
 def test_pieces_give_the_fit_of_one_piece(arm, noisy):
     whole = fit_simulation(sought(arm, factor=1.1), [moved(arm, SIGMA)], piece=None, substeps=4)
     assert whole.converged, whole.message
@@ -272,7 +296,7 @@ def test_derivatives_agree_with_central_differences(arm, at_rest):
     pieces = cut(data.times, None, None)
     shooting = Shooting(
         what, data.measured, jax.tree.map(jnp.asarray, pieces), jnp.asarray(pieces.counts), jnp.zeros(1, bool), None, RungeKutta4(),
-        data.lengths, ("q",), 4, "linear", False, False,
+        data.lengths, ("q",), 4, "linear", False, False, False,
     )  # fmt: skip
 
     def q(point):
