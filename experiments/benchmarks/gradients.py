@@ -1,4 +1,4 @@
-"""Reverse-mode gradients of inverse and forward dynamics, as multiples of an evaluation in the same run."""
+"""Reverse-mode gradients and Jacobians of inverse and forward dynamics, as multiples of an evaluation in the same run."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,6 +13,9 @@ from experiments.benchmarks.harness import SEED, Candidate, Table, at_most, comp
 
 FUNCTIONS = {"inverse": kj.inverse_dynamics, "forward": kj.forward_dynamics}
 STATES, PARAMETERS = "gradient to the states", "gradient to all parameters, summed"
+JACOBIAN, PINOCCHIO = "Jacobian to the states", "Pinocchio's analytical derivatives, float64, one thread"
+# Pinocchio has its derivatives one state a call: Python's share in that is some 1000 of its nanoseconds.
+CALLS = 256
 
 
 def run(quick: bool) -> None:
@@ -24,21 +27,21 @@ def run(quick: bool) -> None:
             for function in FUNCTIONS:
                 with jax.enable_x64(dtype == "float64"):
                     timings = compare(candidates(function, dtype, batch), effort(quick))
-                for name, target in ((STATES, 3), (PARAMETERS, 6)):
+                for name, target in ((STATES, 3), (PARAMETERS, 6), (JACOBIAN, None), (PINOCCHIO, None)):
                     times = ratio(timings, name, "evaluation")
-                    verdict = at_most(times, target) if function == "inverse" else ""
+                    verdict = at_most(times, target) if function == "inverse" and target else ""
                     least = least_ratio(timings, name, "evaluation")
                     nanoseconds = (timings[name].nanoseconds, timings["evaluation"].nanoseconds)
                     rows.append((f"{function}, {dtype}: {name}", *nanoseconds, times, least, verdict))
                 records = {name: timing.record for name, timing in timings.items()}
                 details.append({"function": function, "dtype": dtype, "batch": batch, "timings": records})
         headers = ("", "ns", "ns an evaluation", "times", "least/least", "target")
-        tables.append(Table(f"Reverse-mode gradients, iiwa14, batch {batch}", headers, rows))
+        tables.append(Table(f"Gradients and Jacobians, iiwa14, batch {batch}", headers, rows))
     report("gradients", tables, details)
 
 
 def candidates(function: str, dtype: str, batch: int) -> list[Candidate]:
-    """The evaluation and both gradients of a weighted sum of its results, the weights random and traced."""
+    """The evaluation, both gradients of a weighted sum of its results, the weights random and traced, and Jacobians."""
     robot = robots.iiwa14()
     at = robots.states(robot, batch, SEED)
     x = at.arrays(dtype)
@@ -48,11 +51,34 @@ def candidates(function: str, dtype: str, batch: int) -> list[Candidate]:
     call = FUNCTIONS[function]
     evaluate = jax.jit(jax.vmap(call, (None, 0, 0, 0)))
     to_states, to_parameters = jax.jit(gradient_to_states(call)), jax.jit(gradient_to_parameters(call))
+    jacobian = jax.jit(jax.vmap(jax.jacrev(call, (1, 2, 3)), (None, 0, 0, 0)))
+    peer = pinocchio_derivatives(robot, function, at)
+    for found, expected in zip(jacobian(model, x.q[:4], x.u[:4], last[:4]), peer(4), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=(1e-3 if dtype == "float32" else 1e-9) * np.abs(expected).max())
     return [
         Candidate("evaluation", lambda: evaluate(model, x.q, x.u, last), batch),
         Candidate(STATES, lambda: to_states(model, weights, x.q, x.u, last), batch),
         Candidate(PARAMETERS, lambda: to_parameters(model, weights, x.q, x.u, last), batch),
+        Candidate(JACOBIAN, lambda: jacobian(model, x.q, x.u, last), batch),
+        Candidate(PINOCCHIO, lambda: peer(CALLS), CALLS),
     ]
+
+
+def pinocchio_derivatives(robot: robots.Robot, function: str, at: robots.States) -> Callable[[int], tuple[np.ndarray, ...]]:
+    """Derivatives at the first so many states: with respect to coordinates, speeds, and accelerations or forces."""
+    import pinocchio as pin
+
+    model = pin.buildModelFromUrdf(str(robot.source))
+    model.armature = np.zeros(model.nv)
+    data = model.createData()
+    derivatives = pin.computeRNEADerivatives if function == "inverse" else pin.computeABADerivatives
+    last = at.u_dot if function == "inverse" else at.tau
+
+    def first(count: int) -> tuple[np.ndarray, ...]:
+        each = [derivatives(model, data, *state) for state in zip(at.q[:count], at.u[:count], last[:count], strict=True)]
+        return tuple(np.stack(x) for x in zip(*each, strict=True))
+
+    return first
 
 
 def gradient_to_states(call: Callable) -> Callable:
