@@ -25,7 +25,7 @@ from jax.interpreters import ad, batching, mlir
 from kanejax._sharding import call_in_parts, is_split, result_type, vary_alike
 
 CHUNK = 256
-# Chunks of whole vectors: other lengths can take LLVM ten times as long to compile.
+# Chunks of whole vectors, or LLVM takes up to ten times as long; of an odd number of 16 still twice as long.
 VECTOR = 32
 
 Arrays = tuple[jax.Array, ...]
@@ -215,11 +215,12 @@ def _run(*operands: jax.Array, kernel: Any, size: int | None, batched: tuple, su
     if size is None:
         return list(kernel(*operands))
     if chunk is not None:
-        chunk = max(chunk // kernel.width, VECTOR)
+        chunk = max(chunk // kernel.width // VECTOR, 1) * VECTOR
     if chunk is None or size <= chunk:
         return _run_chunk(operands, kernel, size, batched, summed)
     pieces = -(-size // chunk)
     length = -(-size // (pieces * VECTOR)) * VECTOR
+    pieces = -(-size // length)
     linear = kernel.linear_operands(len(operands))
 
     def cut(i: int, x: jax.Array) -> jax.Array:
@@ -322,7 +323,7 @@ def _is_fan(operands: tuple, dims: tuple, kernel: Any, length: int) -> bool:
     if isinstance(kernel, Function) or any(d is not None for d in dims[: kernel.count]):
         return False
     split = any(d is not None and is_split(x, d) for x, d in zip(operands, dims, strict=True))
-    return not split and length * kernel.width <= CHUNK
+    return not split and 0 < length * kernel.width <= CHUNK
 
 
 def _fan_out(operands: tuple, dims: tuple, length: int, *, kernel: Any, size: int | None, batched: tuple, summed: tuple) -> tuple:

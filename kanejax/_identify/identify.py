@@ -96,7 +96,8 @@ def identify(
             irregular times they are resampled like the others.
         stages: which, in order.
         simulation_options: of the stage "simulation": such as `windows`, `control` and `substeps` of `fit_simulation`.
-        robust: let errors far out count less, by Huber's function (Huber 1964).
+        robust: let errors far out count less in both stages, by Huber's function (Huber 1964). The linear estimate, where they
+            start, takes all alike.
         friction_width: where Coulomb friction is sought and its width is not: the width in the stage "inverse dynamics", relative
             to each joint's greatest recorded speed. Inverse dynamics is no harder for friction that sets in at once, but a
             simulation is: it takes the model's widths, and so does the first stage with None. Where the delay is sought it is at
@@ -162,7 +163,7 @@ def _staged(problem: _Problem, course: _Course) -> Identification:
         else:
             found = _fit_simulation(sought, training, starts, course)
             theta, factor = found.theta, np.asarray(found.factor, float)
-            ended.append(Stage(stage, found.converged, found.message, found.iterations, found.cost, found.rms["q"]))
+            ended.append(Stage(stage, found.converged, found.message, found.iterations, found.cost, next(iter(found.rms.values()))))
         if course.finished is not None:
             course.finished(ended[-1], theta)
     robust = course.robust and INVERSE_DYNAMICS in course.stages

@@ -22,7 +22,7 @@ from kanejax._parameters.parameterization import Parameterization
 from kanejax._regression.base_parameters import BaseParameters
 from kanejax._regression.huber import HUBER
 from kanejax._regression.linear_estimate import UNEXCITED, scaled_gram
-from kanejax._regression.linearization import Samples, chunks, derivatives, linearization
+from kanejax._regression.linearization import CHUNK, Samples, chunks, derivatives, linearization
 
 # Fewest and most samples of a block.
 _SHORTEST, _LONGEST = 32, 2048
@@ -86,10 +86,11 @@ def information(
     density, share = _cross_density([np.clip(x, -limit, limit) for x in scaled], [run.weight for run in runs], length)
     at, chosen = linearization(parameterization, phi), jnp.asarray(base.independent)
 
-    def total(of_block: Callable[..., jax.Array], runs: Sequence[Samples], *given: Any) -> np.ndarray:
+    def total(of_blocks: Callable[..., jax.Array], runs: Sequence[Samples], *given: Any) -> np.ndarray:
         """Sum over the blocks of what a function makes of the scaled regressor of the base parameters."""
-        blocks = itertools.chain.from_iterable(chunks(run, length) for run in runs)
-        parts = (of_block(_scaled(derivatives(parameterization, at, x), x.weight, sigma, chosen), *given) for x in blocks)
+        some = length * max(CHUNK // length, 1)
+        pieces = itertools.chain.from_iterable(chunks(run, some) for run in runs)
+        parts = (of_blocks(_scaled(derivatives(parameterization, at, x), x.weight, sigma, chosen, length), *given) for x in pieces)
         return np.asarray(functools.reduce(np.add, map(np.asarray, parts)), float)
 
     inverse, condition, weak, unexcited = inverted(total(_products, inside))
@@ -133,23 +134,24 @@ def _cross_density(
     return np.where(shares > 0, density / np.maximum(shares, least), 0.0), np.maximum(np.diagonal(shares), least)
 
 
-@jax.jit
-def _scaled(derivative: jax.Array, weight: jax.Array, sigma: jax.Array, chosen: jax.Array) -> jax.Array:
-    """Scaled regressor of the base parameters over one block, (length, nv, nbase)."""
-    return jnp.where((weight > 0)[..., None], derivative[..., chosen] / sigma[None, :, None], 0.0)
+@functools.partial(jax.jit, static_argnums=4)
+def _scaled(derivative: jax.Array, weight: jax.Array, sigma: jax.Array, chosen: jax.Array, length: int) -> jax.Array:
+    """Scaled regressor of the base parameters over some blocks, (blocks, length, nv, nbase)."""
+    rows = jnp.where((weight > 0)[..., None], derivative[..., chosen] / sigma[None, :, None], 0.0)
+    return rows.reshape(-1, length, *rows.shape[1:])
 
 
 @jax.jit
 def _products(rows: jax.Array) -> Float[Array, "nbase nbase"]:
     """Of the regressor's columns."""
-    return jnp.einsum("cri,crj->ij", rows, rows, precision="highest")
+    return jnp.einsum("bcri,bcrj->ij", rows, rows, precision="highest")
 
 
 @jax.jit
 def _leverage(rows: jax.Array, inverse: jax.Array) -> Float[Array, "frequencies nv"]:
     """What the fit takes up of each signal's errors, at each frequency."""
-    waves = jnp.fft.rfft(rows, axis=0)
-    return jnp.real(jnp.einsum("fji,ik,fjk->fj", jnp.conj(waves), inverse.astype(waves.dtype), waves))
+    waves = jnp.fft.rfft(rows, axis=1)
+    return jnp.real(jnp.einsum("bfji,ik,bfjk->fj", jnp.conj(waves), inverse.astype(waves.dtype), waves))
 
 
 @functools.partial(jax.jit, static_argnums=2)
@@ -159,9 +161,9 @@ def _middle(rows: jax.Array, density: jax.Array, length: int) -> Float[Array, "n
     twice = np.full(length // 2 + 1, 2.0)
     twice[0] = 1.0
     twice[-1] = 1.0 if length % 2 == 0 else 2.0
-    waves = jnp.fft.rfft(rows, axis=0)
-    weighted = jnp.einsum("fij,fjk->fik", density, waves) * jnp.asarray(twice / length, waves.dtype)[:, None, None]
-    return jnp.real(jnp.einsum("fik,fil->kl", jnp.conj(waves), weighted))
+    waves = jnp.fft.rfft(rows, axis=1)
+    weighted = jnp.einsum("fij,bfjk->bfik", density, waves) * jnp.asarray(twice / length, waves.dtype)[None, :, None, None]
+    return jnp.real(jnp.einsum("bfik,bfil->kl", jnp.conj(waves), weighted))
 
 
 def inverted(gram: np.ndarray) -> tuple[np.ndarray, float, tuple[dict[int, float], ...], np.ndarray]:

@@ -62,18 +62,25 @@ class Search:
         self.has_gaps = bool(np.any(np.asarray(shooting.pieces.joined)))
         self.tightness = np.full(len(self.thetas), _LOOSE)
         states = jnp.asarray(self.samples[:, index[:, 0]], self.thetas.dtype)
-        left = max_iterations
-        for _ in range(_SIGMA_ROUNDS):
-            # An interrupt finds both or neither of the new ones.
-            self.point, self.shooting = self._point(shooting, self.thetas, states, self.tightness), shooting
-            left = self._descend(window, left)
-            self._keep()
-            if not self._estimate_sigma() or left <= 0:
-                break
-            states = self.point.states
-            if shooting.robust:
-                # Other residuals are far out now, and the fit moves, which tight gaps would make a long way.
-                self.tightness = np.full(len(self.thetas), _LOOSE)
+        left, settled = max_iterations, None
+        try:
+            for _ in range(_SIGMA_ROUNDS):
+                # An interrupt finds both or neither of the new ones.
+                self.point, self.shooting = self._point(shooting, self.thetas, states, self.tightness), shooting
+                left = self._descend(window, left)
+                self._keep()
+                tight = self.point, self.thetas, self.tightness, self.sigma
+                settled = tight if self.ends[self.best][0] else settled
+                if not self._estimate_sigma() or left <= 0:
+                    break
+                states = self.point.states
+                if shooting.robust:
+                    # Other residuals are far out now, and the fit moves, which tight gaps would make a long way.
+                    self.tightness = np.full(len(self.thetas), _LOOSE)
+        finally:
+            # What has open gaps yet is no motion; that of the deviations before is.
+            if shooting.robust and settled is not None and not self.ends[self.best][0]:
+                self.point, self.thetas, self.tightness, self.sigma = settled
 
     def _point(self, shooting: Shooting, thetas: jax.Array, states: jax.Array, tightness: np.ndarray) -> _Point:
         return _point(shooting, thetas, states, self.sigma, jnp.asarray(tightness, thetas.dtype))
@@ -176,13 +183,18 @@ class Search:
 
     def _sizes(self) -> np.ndarray:
         """Standard deviations of each output's errors at the best start."""
-        if self.shooting.robust:
-            sizes = np.where(self._counting(), np.asarray(self.point.at.sizes[self.best]), np.nan)
-            missing = np.isnan(sizes).all((0, 1))
-            return np.asarray(self.sigma) * 1.4826 * np.nanmedian(np.where(missing, 0.0, sizes), (0, 1))
-        count, fitted = self.data.count, self._fitted()
-        left = np.maximum(count * (1.0 - fitted / max(count.sum(), 1)), 1.0)
-        return np.sqrt(np.asarray(self.point.at.squares[self.best], float) / left)
+        count = self.data.count
+        left = np.maximum(count * self._share_left(), 1.0)
+        if not self.shooting.robust:
+            return np.sqrt(np.asarray(self.point.at.squares[self.best], float) / left)
+        sizes = np.where(self._counting(), np.asarray(self.point.at.sizes[self.best], float), np.nan)
+        missing = np.isnan(sizes).all((0, 1))
+        median = 1.4826 * np.nanmedian(np.where(missing, 0.0, sizes), (0, 1))
+        return np.asarray(self.sigma, float) * median * np.sqrt(count / left)
+
+    def _share_left(self) -> float:
+        """Of the residuals' freedom, what the fit has not taken up."""
+        return 1.0 - self._fitted() / max(int(self.data.count.sum()), 1)
 
     def _counting(self) -> np.ndarray:
         """Which residuals of the pieces count."""
@@ -195,8 +207,9 @@ class Search:
         if not self.shooting.robust:
             return 1.0
         sizes = np.asarray(self.point.at.sizes[self.best], float)[self._counting()]
-        pull = float(np.mean(np.minimum(sizes, HUBER) ** 2) * np.mean(HUBER / np.maximum(sizes, HUBER)))
-        return float(np.mean(sizes < HUBER)) / np.sqrt(pull) if pull > 0 else 1.0
+        spread = float(np.mean(np.minimum(sizes, HUBER) ** 2)) / max(self._share_left(), 1e-3)
+        weight = float(np.mean(HUBER / np.maximum(sizes, HUBER)))
+        return float(np.mean(sizes < HUBER)) / np.sqrt(spread * weight) if spread > 0 else 1.0
 
     def _estimate_sigma(self) -> bool:
         """Standard deviations from the residuals, for outputs whose is not given; whether one has changed."""

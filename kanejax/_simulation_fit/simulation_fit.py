@@ -14,7 +14,7 @@ class Iteration(NamedTuple):
     Attributes:
         window: length [s] of the windows, None for whole runs.
         iteration: from 1 on, through all windows.
-        cost: sum of squared residuals, each divided by its standard deviation, plus that of the priors; of the best start.
+        cost: that of `SimulationFit`, of the best start.
         gap: root of the sum of squares of the gaps between pieces [rad/s, m/s].
         damping: of the next step.
         accepted: whether the step was taken.
@@ -51,7 +51,8 @@ class SimulationFit:
         cost: sum of squared residuals, each divided by its standard deviation, or of Huber's function of them; and of the priors.
         history: one entry an iteration.
         factor: upper triangle R, (n + 1, n + 1): with the change d of phi the sum of squared residuals is that of R [d, 1], and the
-            initial states have been taken out. Without priors. Of a robust fit, scaled to the precision that it has.
+            initial states have been taken out. Without priors. Of a robust fit residuals far out weigh less in it, and all is
+            scaled to the precision that the residuals' sizes show, also where standard deviations were given.
         count: number of residuals, less that of the initial states that were fitted to them.
         sigma: standard deviation of each output, (nv,) each.
         rms: root mean square of the residuals of each output, (nv,) each.

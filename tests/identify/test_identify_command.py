@@ -175,7 +175,7 @@ def test_interruption_keeps_what_is_finished(folder, counted, monkeypatch):
     assert not (folder / "cut/identification.json").exists()
     assert counted == [1]
 
-    def diverged(sought, motions, *, starts, progress):
+    def diverged(sought, motions, *, starts, robust, progress):
         progress(SimpleNamespace(cost=1.0))
         ones, factor = {"q": np.ones(2)}, jnp.eye(len(sought.phi0) + 1)
         end = (False, "out of patience", 1, 1.0, (), factor, 1, ones, ones, (), np.ones(1), (1, 1))
