@@ -91,7 +91,7 @@ def information(
         some = length * max(CHUNK // length, 1)
         pieces = itertools.chain.from_iterable(chunks(run, some) for run in runs)
         parts = (of_blocks(_scaled(derivatives(parameterization, at, x), x.weight, sigma, chosen, length), *given) for x in pieces)
-        return np.asarray(functools.reduce(np.add, map(np.asarray, parts)), float)
+        return np.asarray(sum(map(np.asarray, parts)), float)
 
     inverse, condition, weak, unexcited = inverted(total(_products, inside))
     count = sum(-(-len(run.q) // length) for run in runs)

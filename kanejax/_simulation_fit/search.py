@@ -62,15 +62,17 @@ class Search:
         self.has_gaps = bool(np.any(np.asarray(shooting.pieces.joined)))
         self.tightness = np.full(len(self.thetas), _LOOSE)
         states = jnp.asarray(self.samples[:, index[:, 0]], self.thetas.dtype)
-        left, settled = max_iterations, None
+        left, settled, ended = max_iterations, None, False
         try:
             for _ in range(_SIGMA_ROUNDS):
                 # An interrupt finds both or neither of the new ones.
                 self.point, self.shooting = self._point(shooting, self.thetas, states, self.tightness), shooting
+                ended = False
                 left = self._descend(window, left)
+                ended = self.ends[self.best][0]
                 self._keep()
-                tight = self.point, self.thetas, self.tightness, self.sigma
-                settled = tight if self.ends[self.best][0] else settled
+                if ended:
+                    settled = self.point, self.thetas, self.tightness, self.sigma
                 if not self._estimate_sigma() or left <= 0:
                     break
                 states = self.point.states
@@ -78,8 +80,8 @@ class Search:
                     # Other residuals are far out now, and the fit moves, which tight gaps would make a long way.
                     self.tightness = np.full(len(self.thetas), _LOOSE)
         finally:
-            # What has open gaps yet is no motion; that of the deviations before is.
-            if shooting.robust and settled is not None and not self.ends[self.best][0]:
+            # What has open gaps yet, as after an interrupt, is no motion; that of the deviations before is.
+            if shooting.robust and settled is not None and not ended:
                 self.point, self.thetas, self.tightness, self.sigma = settled
 
     def _point(self, shooting: Shooting, thetas: jax.Array, states: jax.Array, tightness: np.ndarray) -> _Point:

@@ -128,6 +128,22 @@ def test_robust_fits_do_not_mind_outliers_and_know_their_precision(arm):
     assert np.abs((plain.phi - arm.mass) / deviations(fits[0])).max() > 5.0
 
 
+def test_robust_fits_that_run_out_of_iterations_keep_the_last_motion_without_gaps(arm):
+    def fit(iterations):
+        what, motion, seen = sought(arm, factor=1.1), with_outliers(moved(arm, SIGMA), 0), []
+        found = fit_simulation(what, [motion], substeps=4, robust=True, max_iterations=iterations, progress=seen.append)
+        return found, seen
+
+    gaps = [step.gap for step in fit(50)[1]]
+    # Where standard deviations were estimated anew, gaps opened again.
+    opened = next(i for i in range(1, len(gaps)) if gaps[i] > 1e3 * gaps[i - 1])
+    before, after = fit(opened)[0], fit(opened + 1)[0]
+    assert before.converged
+    assert not after.converged
+    np.testing.assert_array_equal(after.phi, before.phi)
+    np.testing.assert_array_equal(after.predicted[0].q, before.predicted[0].q)
+
+
 def test_pieces_give_the_fit_of_one_piece(arm, noisy):
     whole = fit_simulation(sought(arm, factor=1.1), [moved(arm, SIGMA)], piece=None, substeps=4)
     assert whole.converged, whole.message
