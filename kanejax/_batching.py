@@ -7,13 +7,12 @@ the same primitive again: of the linearised function, and of its transpose, whic
 instead of storing it for all, and adds up the gradients of what the batch shares. Many directions at one point share what
 depends on the point alone, so that Jacobians cost a fraction of their columns.
 
-A kernel is a pure function of arrays that may have one trailing batch axis, of size 1 or of the batch's size.
+What is batched are kernels and their derivatives, see `_kernels`.
 """
 
-import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, final
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,15 +21,12 @@ from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from kanejax._kernels import Arrays, Fan, Function, Shapes, Tangent, copied_operands, of_shared
 from kanejax._sharding import call_in_parts, is_split, result_type, vary_alike
 
 CHUNK = 256
 # Chunks of whole vectors, or LLVM takes up to ten times as long; of an odd number of 16 still twice as long.
 VECTOR = 32
-
-Arrays = tuple[jax.Array, ...]
-Indices = tuple[int, ...]
-Shapes = tuple[jax.ShapeDtypeStruct, ...]
 
 
 def call(function: Callable[..., Arrays], static: tuple, operands: Arrays) -> list[jax.Array]:
@@ -38,176 +34,10 @@ def call(function: Callable[..., Arrays], static: tuple, operands: Arrays) -> li
     return _bind(*operands, kernel=Function(function, static), size=None, batched=(), summed=())
 
 
-@final
-@dataclasses.dataclass(frozen=True)
-class Function:
-    """A kernel from a function and its static arguments."""
-
-    function: Callable[..., Arrays]
-    static: tuple
-
-    def __call__(self, *operands: jax.Array) -> Arrays:
-        """Evaluate."""
-        return self.function(*self.static, *operands)
-
-    def shapes(self, operands: Shapes) -> Shapes:
-        """Of the results for one state: found by tracing, once."""
-        return _traced_shapes(self, operands)
-
-    def linear_operands(self, total: int) -> Indices:
-        """Operands in which the results are linear, jointly: none."""
-        return ()
-
-    def owners(self, total: int) -> Indices | None:
-        """The operand that each result is a gradient of: none."""
-        return None
-
-    @property
-    def width(self) -> int:
-        """Directions side by side."""
-        return 1
-
-
-@final
-@dataclasses.dataclass(frozen=True)
-class Tangent:
-    """Directional derivative of a kernel: operands are its own, `count` of them, then the tangents of those in `varied`."""
-
-    kernel: Any
-    varied: Indices
-    count: int
-
-    def __call__(self, *operands: jax.Array) -> Arrays:
-        """Evaluate."""
-        along, at = _vary(self, operands)
-        # Of an operand and its tangent, one may be shared by the batch.
-        pairs = [jnp.broadcast_arrays(x, t) for x, t in zip(at, operands[self.count :], strict=True)]
-        return jax.jvp(along, tuple(x for x, _ in pairs), tuple(t for _, t in pairs))[1]
-
-    def shapes(self, operands: Shapes) -> Shapes:
-        """Those of the kernel's results."""
-        return self.kernel.shapes(operands[: self.count])
-
-    def linear_operands(self, total: int) -> Indices:
-        """The tangents, and what the kernel is linear in."""
-        return (*self.kernel.linear_operands(self.count), *range(self.count, total))
-
-    def owners(self, total: int) -> Indices | None:
-        """Those of the kernel."""
-        return self.kernel.owners(self.count)
-
-    @property
-    def width(self) -> int:
-        """That of the kernel."""
-        return self.kernel.width
-
-    def transposed(self, unknown: Indices, total: int, results: int) -> tuple["Transpose", Indices]:
-        """The kernel that pulls cotangents of the `results` back to the `unknown` tangents, and these, to which they belong."""
-        return Transpose(self.kernel, tuple(self.varied[i - self.count] for i in unknown), self.count), unknown
-
-
-@final
-@dataclasses.dataclass(frozen=True)
-class Transpose:
-    """Transposed derivative of a kernel: operands are its own, then the cotangents of its results; results are gradients."""
-
-    kernel: Any
-    varied: Indices
-    count: int
-
-    def __call__(self, *operands: jax.Array) -> Arrays:
-        """Evaluate."""
-        along, at = _vary(self, operands)
-        results, pull_back = jax.vjp(along, *at)
-        cotangents = zip(operands[self.count :], results, strict=True)
-        return pull_back(tuple(jnp.broadcast_to(c, r.shape) for c, r in cotangents))
-
-    def shapes(self, operands: Shapes) -> Shapes:
-        """Those of what the gradients are of."""
-        return tuple(operands[i] for i in self.varied)
-
-    def linear_operands(self, total: int) -> Indices:
-        """The cotangents, and what the kernel is linear in."""
-        return (*self.kernel.linear_operands(self.count), *range(self.count, total))
-
-    def owners(self, total: int) -> Indices | None:
-        """The operands that are varied."""
-        return self.varied
-
-    @property
-    def width(self) -> int:
-        """That of the kernel."""
-        return self.kernel.width
-
-    def transposed(self, unknown: Indices, total: int, results: int) -> tuple["Tangent", Indices]:
-        """The kernel that pushes tangents forward, and the operands to which its results belong: all cotangents."""
-        return Tangent(self.kernel, self.varied, self.count), tuple(range(self.count, total))
-
-
-@final
-@dataclasses.dataclass(frozen=True)
-class Fan:
-    """A derivative in several directions at one point, which come first in results and in operands that are `widened`."""
-
-    kernel: "Tangent | Transpose | Fan"
-    widened: Indices
-    directions: int
-
-    def __call__(self, *operands: jax.Array) -> Arrays:
-        """Evaluate."""
-        axes = tuple(0 if i in self.widened else None for i in range(len(operands)))
-        return jax.vmap(self.kernel.__call__, axes)(*operands)
-
-    def shapes(self, operands: Shapes) -> Shapes:
-        """Those of the derivative, with the directions first."""
-        one = tuple(jax.ShapeDtypeStruct(x.shape[i in self.widened :], x.dtype) for i, x in enumerate(operands))
-        return tuple(jax.ShapeDtypeStruct((self.directions, *x.shape), x.dtype) for x in self.kernel.shapes(one))
-
-    def linear_operands(self, total: int) -> Indices:
-        """Those of the derivative."""
-        return self.kernel.linear_operands(total)
-
-    def owners(self, total: int) -> Indices | None:
-        """Those of the derivative."""
-        return self.kernel.owners(total)
-
-    @property
-    def count(self) -> int:
-        """Operands that make up the point."""
-        return self.kernel.count
-
-    @property
-    def width(self) -> int:
-        """All directions side by side, also those of fans within."""
-        return self.directions * self.kernel.width
-
-    def transposed(self, unknown: Indices, total: int, results: int) -> tuple["Fan", Indices]:
-        """That of the derivative, in all directions: also gradients of operands that these share, which are to be added up."""
-        flipped, wanted = self.kernel.transposed(unknown, total, results)
-        return Fan(flipped, tuple(range(self.count, self.count + results)), self.directions), wanted
-
-
-@functools.lru_cache(maxsize=1024)
-def _traced_shapes(kernel: Function, operands: Shapes) -> Shapes:
-    return tuple(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in jax.eval_shape(kernel, *operands))
-
-
 def _of_one(operands: Sequence[Any], batched: tuple) -> Shapes:
     """Shapes without the batch axis, which comes first where there is one."""
     moving = batched or (False,) * len(operands)
     return tuple(jax.ShapeDtypeStruct(x.shape[moves:], x.dtype) for x, moves in zip(operands, moving, strict=True))
-
-
-def _vary(derivative: Tangent | Transpose, operands: Arrays) -> tuple[Callable[..., Arrays], Arrays]:
-    """The kernel as a function of the varied operands alone, and their values."""
-
-    def along(*varied: jax.Array) -> Arrays:
-        full = list(operands[: derivative.count])
-        for i, x in zip(derivative.varied, varied, strict=True):
-            full[i] = x
-        return derivative.kernel(*full)
-
-    return along, tuple(operands[i] for i in derivative.varied)
 
 
 def _run(*operands: jax.Array, kernel: Any, size: int | None, batched: tuple, summed: tuple, chunk: int | None) -> list[jax.Array]:
@@ -251,7 +81,7 @@ def _run_chunk(operands: Any, kernel: Any, size: int, batched: tuple, summed: tu
     inner = [jnp.moveaxis(x, 0, -1) if moves else x[..., None] for x, moves in zip(operands, batched, strict=True)]
     # Barriers keep the transpositions out of the kernel's loops, which would not vectorise with them.
     inner = lax.optimization_barrier(inner)
-    for owner in _copied(kernel, len(inner), summed):
+    for owner in copied_operands(kernel, len(inner), summed):
         if not batched[owner]:
             inner[owner] = jnp.broadcast_to(inner[owner], (*inner[owner].shape[:-1], size))
     results = lax.optimization_barrier(kernel(*inner))
@@ -259,19 +89,6 @@ def _run_chunk(operands: Any, kernel: Any, size: int, batched: tuple, summed: tu
         jnp.sum(r, -1) if adds else jnp.moveaxis(jnp.broadcast_to(r, (*r.shape[:-1], size)), -1, 0)
         for r, adds in zip(results, summed, strict=True)
     ]
-
-
-def _copied(kernel: Any, total: int, summed: tuple) -> set[int]:
-    """Operands of which every member of the batch needs a copy, to have a gradient of its own with respect to them."""
-    owners = kernel.owners(total) or ()
-    found = {owner for owner, adds in zip(owners, summed, strict=True) if not adds} if owners else set()
-    while not isinstance(kernel, Function):
-        inner = kernel.kernel
-        if isinstance(kernel, Transpose):
-            # What is transposed are the gradients of each member, where the kernel's results are gradients.
-            found |= set(inner.owners(kernel.count) or ())
-        kernel = inner
-    return found
 
 
 kernel_call = Primitive("kanejax_kernel")
@@ -377,20 +194,9 @@ def _transpose(cotangents: list, *operands: Any, kernel: Any, size: int | None, 
         adds = tuple(not batched[i] for i in wanted)
     results = _bind(*primals, *given, kernel=flipped, size=size, batched=moving, summed=adds)
     first = [int(size is not None and batched[i]) for i in wanted]
-    results = [_of_shared(kernel, i, x, axis) for i, x, axis in zip(wanted, results, first, strict=True)]
+    results = [of_shared(kernel, i, x, axis) for i, x, axis in zip(wanted, results, first, strict=True)]
     found = dict(zip(wanted, results, strict=True))
     return [found[i] if i in unknown else None for i in range(len(operands))]
-
-
-def _of_shared(kernel: Any, i: int, gradient: jax.Array, axis: int) -> jax.Array:
-    """Gradient of operand i from those in all directions, which start at an axis: their sum, where these share the operand."""
-    while isinstance(kernel, Fan):
-        if i in kernel.widened:
-            axis += 1
-        else:
-            gradient = jnp.sum(gradient, axis)
-        kernel = kernel.kernel
-    return gradient
 
 
 def _lowering(chunk: int | None) -> Callable[..., Any]:
