@@ -14,8 +14,9 @@ that he derives by hand and as a recursion, and counted by `kanejax.operation_co
 import itertools
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -51,7 +52,7 @@ def choices(model: kj.Model) -> dict[str, program.Base | None]:
         sets += [(triple, 0) for triple in itertools.combinations(movers, 3)]
         for replaced, component in sets:
             base = program.Base(last, replaced, component)
-            matrix = jax.jit(jax.vmap(lambda q, base=base: program.speed_matrix(chain, base, q)))(q)
+            matrix = jax.vmap(lambda q, base=base: program.speed_matrix(chain, base, q))(q)
             if np.abs(np.linalg.det(matrix)).max() > 1e-9:
                 joints = "".join(str(k + 1) for k in replaced)
                 found[f"link {names[last]} for q{joints}{' by y' * component}"] = base
@@ -80,38 +81,74 @@ def total(count: dict[str, int]) -> int:
     return sum(count.values())
 
 
+class _Components(eqx.Module):
+    """A choice of speeds as arrays, so that one program serves all choices; the matrix is from the library's partial velocities.
+
+    Attributes:
+        model: the mechanism.
+        link: index of the base link.
+        component: of its angular velocity, in place of each rate; -1 where the rate stays.
+    """
+
+    model: kj.Model
+    link: jax.Array
+    component: jax.Array
+
+    def matrix(self, q: jax.Array, t: jax.Array) -> jax.Array:
+        axes = kj.partial_velocities(self.model, q).angular[self.link] @ kj.poses(self.model, q).link_rotation[self.link]
+        return jnp.where(self.component[:, None] >= 0, axes.T[self.component], jnp.eye(self.model.nv, dtype=q.dtype))
+
+
 def in_speeds(model: kj.Model, base: program.Base | None) -> kj.WithSpeeds:
-    """The model in the speeds of a choice; the matrix comes from the library's partial velocities."""
+    """The model in the speeds of a choice."""
+    component = np.full(model.nv, -1)
+    if base is not None:
+        component[list(base.replaced)] = base.components
+    chosen = _Components(model, jnp.asarray(0 if base is None else base.link), jnp.asarray(component))
+    return kj.with_speeds(model, kj.GeneralizedSpeeds(chosen.matrix))
 
-    def matrix(q: jax.Array, t: jax.Array) -> jax.Array:
-        identity = jnp.eye(model.nv, dtype=q.dtype)
-        if base is None:
-            return identity
-        axes = kj.partial_velocities(model, q).angular[base.link] @ kj.poses(model, q).link_rotation[base.link]
-        return identity.at[np.array(base.replaced)].set(axes.T[np.array(base.components)])
 
-    return kj.with_speeds(model, kj.GeneralizedSpeeds(matrix))
+class Equations(NamedTuple):
+    """X, Y and the joint rates at speeds u; torques for rates u_dot of the speeds, and for u and u_dot as joint rates' own."""
+
+    X: jax.Array
+    Y: jax.Array
+    rates: jax.Array
+    torques: jax.Array
+    torques_from_rates: jax.Array
+
+
+def generated_equations(model: kj.Model, base: program.Base | None, *states: jax.Array) -> Equations:
+    """By `speed_program`, (count, ...) each; operation by operation, which takes less time than compiling thousands of them."""
+    chain = program.chain_of(model)
+
+    def one(q: jax.Array, u: jax.Array, u_dot: jax.Array) -> Equations:
+        explicit = program.explicit_equations(chain, base, q, u)
+        by_recursion, by_X_and_Y = program.torques(chain, base, q, u, u_dot), program.explicit_torques(chain, base, q, u, u_dot)
+        return Equations(*explicit, by_recursion, by_X_and_Y)
+
+    return jax.vmap(one)(*states)
+
+
+@jax.jit
+def library_equations(arm: kj.WithSpeeds, *states: jax.Array) -> Equations:
+    """By the library, (count, ...) each."""
+
+    def one(q: jax.Array, u: jax.Array, u_dot: jax.Array) -> Equations:
+        explicit = kj.mass_matrix(arm, q), kj.bias_force(arm, q, u), kj.rates_from_speeds(arm, q, u)
+        return Equations(*explicit, kj.inverse_dynamics(arm, q, u, u_dot), kj.inverse_dynamics(arm.model, q, u, u_dot))
+
+    return jax.vmap(one)(*states)
 
 
 def disagreement(model: kj.Model, base: program.Base | None, count: int = 100) -> float:
     """Of the generated equations and torques with the library's in the same speeds: median over states of the relative errors."""
-    chain, arm = program.chain_of(model), in_speeds(model, base)
-
-    def both(q: jax.Array, u: jax.Array, u_dot: jax.Array) -> list[tuple[jax.Array, jax.Array]]:
-        X, Y, rates = program.explicit_equations(chain, base, q, u)
-        tau = kj.inverse_dynamics(model, q, u, u_dot)
-        return [
-            (X, kj.mass_matrix(arm, q)),
-            (Y, kj.bias_force(arm, q, u)),
-            (rates, kj.rates_from_speeds(arm, q, u)),
-            (program.torques(chain, base, q, u, u_dot), kj.inverse_dynamics(arm, q, u, u_dot)),
-            (program.explicit_torques(chain, base, q, u, u_dot), tau),
-        ]
-
-    pairs = jax.jit(jax.vmap(both))(*random_states(model, count))
-    axes = [tuple(range(1, found.ndim)) for found, _ in pairs]
-    errors = [jnp.abs(x - y).max(a) / jnp.abs(y).max(a) for (x, y), a in zip(pairs, axes, strict=True)]
-    return float(jnp.median(jnp.stack(errors), axis=1).max())
+    states = random_states(model, count)
+    errors = []
+    for x, y in zip(generated_equations(model, base, *states), library_equations(in_speeds(model, base), *states), strict=True):
+        found, expected = np.asarray(x).reshape(count, -1), np.asarray(y).reshape(count, -1)
+        errors.append(np.abs(found - expected).max(1) / np.abs(expected).max(1))
+    return float(np.median(errors, axis=1).max())
 
 
 def same_motion(model: kj.Model, speeds: kj.LinkSpeeds, count: int = 101) -> dict[str, Any]:

@@ -15,7 +15,7 @@ TIGHT: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-12}
 def test_a_joint_limit_stops_the_simulation(pendulum):
     q0 = jnp.array([[0.3, -0.8], [0.0, 0.0]])
     u0 = jnp.array([[5.0, 1.0], [0.0, 0.1]])
-    both = jax.vmap(lambda q, u: kj.simulate(pendulum, q, u, TS, joint_limits=True, **TIGHT))(q0, u0)
+    both = jax.jit(jax.vmap(lambda q, u: kj.simulate(pendulum, q, u, TS, joint_limits=True, **TIGHT)))(q0, u0)
     assert both.event_names == ("joint limit",)
     assert list(both.status) == [kj.Status.EVENT, kj.Status.SUCCESSFUL]
     assert list(both.event) == [0, -1]
@@ -41,15 +41,6 @@ def test_events_have_names_and_directions(pendulum):
     np.testing.assert_allclose(trajectory.u_end[0], 0, atol=1e-11)
 
 
-def test_the_time_of_an_event_has_gradients(pendulum):
-    def time(q):
-        return kj.simulate(pendulum, q, U0, TS, events=lambda t, q, u: q[0] + 0.1, **TIGHT).t_end
-
-    gradient, h = jax.grad(time)(jnp.asarray(Q0)), 1e-5
-    expected = [(time(Q0 + h * e) - time(Q0 - h * e)) / (2 * h) for e in np.eye(2)]
-    np.testing.assert_allclose(gradient, expected, rtol=1e-6)
-
-
 def test_bouncing_conserves_energy(pendulum):
     bounce = kj.JointLimitBounce(pendulum)
     q0, u0 = np.array([0.3, -0.8]), np.array([5.0, 1.0])
@@ -58,32 +49,65 @@ def test_bouncing_conserves_energy(pendulum):
     assert trajectory.status == kj.Status.SUCCESSFUL
     assert np.all(trajectory.q[:, 0] <= 0.5 + 1e-9)
     assert np.all(trajectory.q[:, 0] >= -1 - 1e-9)
-    energy = jax.vmap(lambda q, u: kj.kinetic_energy(pendulum, q, u) + kj.potential_energy(pendulum, q))(trajectory.q, trajectory.u)
+    energy = jax.jit(jax.vmap(lambda q, u: kj.kinetic_energy(pendulum, q, u) + kj.potential_energy(pendulum, q)))(
+        trajectory.q, trajectory.u
+    )
     np.testing.assert_allclose(energy, energy[0], rtol=1e-7)
 
 
-def test_restarts_have_gradients(pendulum):
-    events = {"falls back": kj.StateEvent(lambda t, q, u: q[0] - 0.1, "falling")}
+@pytest.fixture(scope="module")
+def restarting(pendulum):
+    """Values, their pullback and the trajectory of a motion that jumps back once from where it falls back: one program."""
 
-    def end(q):
-        reverse = {"events": events, "on_event": lambda t, q, u: (q, -0.5 * u), "max_events": 2}
-        trajectory = kj.simulate(pendulum, q, U0, TS[:3], **reverse, **TIGHT)
-        return jnp.sum(trajectory.q_end), trajectory.num_events
+    def motion(q, ts):
+        events = {"falls back": kj.StateEvent(lambda t, q, u: q[0] - 0.1, "falling")}
+        reverse = {"on_event": lambda t, q, u: (q, -0.5 * u), "max_events": 1}
+        trajectory = kj.simulate(pendulum, q, U0, ts, events=events, **reverse, **TIGHT)
+        # Times that were not reached have no gradient.
+        reached = jnp.sum(jnp.where(trajectory.reached[:, None], trajectory.q, 0.0))
+        return jnp.stack((jnp.sum(trajectory.q_end), trajectory.t_end, reached)), trajectory
 
+    @jax.jit
+    def values_and_pullback(q, ts, cotangent):
+        values, pullback, trajectory = jax.vjp(lambda q: motion(q, ts), q, has_aux=True)
+        return values, pullback(cotangent)[0], trajectory
+
+    return values_and_pullback
+
+
+def gradients_and_differences(restarting, ts):
+    """Of all values by the two coordinates, (3, 2) each."""
     q0, h = jnp.asarray(Q0), 1e-5
-    gradient, count = jax.grad(end, has_aux=True)(q0)
-    assert count == 1
-    expected = [(end(q0 + h * e)[0] - end(q0 - h * e)[0]) / (2 * h) for e in np.eye(2)]
-    np.testing.assert_allclose(gradient, expected, rtol=1e-6)
+    gradients = np.stack([restarting(q0, ts, jnp.asarray(e))[1] for e in np.eye(3)])
+    ahead, behind = (np.stack([restarting(q0 + s * e, ts, jnp.zeros(3))[0] for e in np.eye(2)], 1) for s in (h, -h))
+    return gradients, (ahead - behind) / (2 * h)
 
 
-def test_events_beyond_the_greatest_number_stop(pendulum):
-    events = {"swings back": kj.StateEvent(lambda t, q, u: u[0], "falling")}
-    trajectory = kj.simulate(pendulum, Q0, U0, np.linspace(0, 10, 5), events=events, on_event=lambda t, q, u: (q, u), max_events=2)
-    assert trajectory.num_events == 2
+def test_restarts_have_gradients(restarting):
+    trajectory = restarting(jnp.asarray(Q0), TS[:3], jnp.zeros(3))[2]
+    assert trajectory.num_events == 1
+    assert trajectory.status == kj.Status.SUCCESSFUL
+    gradients, expected = gradients_and_differences(restarting, TS[:3])
+    np.testing.assert_allclose(gradients[[0, 2]], expected[[0, 2]], rtol=1e-6)
+    np.testing.assert_array_equal(gradients[1], 0.0)
+
+
+LONGER = np.array([0.0, 0.25, 5.0])
+
+
+def test_events_beyond_the_greatest_number_stop(restarting):
+    trajectory = restarting(jnp.asarray(Q0), LONGER, jnp.zeros(3))[2]
+    assert trajectory.num_events == 1
     assert trajectory.status == kj.Status.EVENT
     assert trajectory.event == 0
+    np.testing.assert_allclose(trajectory.q_end[0], 0.1, atol=1e-11)
+    np.testing.assert_array_equal(trajectory.reached, [True, True, False])
     assert np.isnan(trajectory.q[-1]).all()
+
+
+def test_the_time_of_an_event_has_gradients_and_times_that_were_not_reached_have_none(restarting):
+    gradients, expected = gradients_and_differences(restarting, LONGER)
+    np.testing.assert_allclose(gradients, expected, rtol=1e-6)
 
 
 def test_bad_events_are_refused(pendulum):

@@ -24,8 +24,8 @@ def test_table_is_exact_at_the_times_of_the_steps_and_nearly_between(table):
     for name in ("explicit", "implicit", "crank_nelson", "implicit_three_point", "crank_nelson_three_point"):
         assert np.all(np.log2(autoq.step_sizes(autoq.SCHEMES[name]) / h) % 1 == 0)
     at, between = table.ts[::64], table.ts[:-1:64] + 0.3 * h
-    np.testing.assert_allclose(jax.vmap(table)(at), table.values[::64], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(jax.vmap(table)(between), torques(between), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(jax.jit(jax.vmap(table))(at), table.values[::64], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(jax.jit(jax.vmap(table))(between), torques(between), rtol=0, atol=1e-12)
 
 
 def test_runge_kutta_recovers_the_coordinates(table):
@@ -40,7 +40,7 @@ def test_deviations_grow(table):
     assert 1e7 < autoq.growth(table) < 4e7
 
 
-@pytest.mark.parametrize("name", ["explicit", "crank_nelson", "tsitouras"])
+@pytest.mark.parametrize("name", ["crank_nelson", "tsitouras"])
 def test_orders(name, table):
     scheme = autoq.SCHEMES[name]
     order = autoq.fitted_order(scheme, autoq.window_errors(scheme, table))

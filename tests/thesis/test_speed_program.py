@@ -11,6 +11,8 @@ from kanejax import robots
 from tests.helpers.mechanisms import random_tree
 
 JOINTS = ("hinge", "hinge", "slide", "hinge", "hinge")
+# States at once: one program of the library serves all tests.
+COUNT = 20
 
 
 @pytest.fixture(scope="module")
@@ -36,25 +38,27 @@ def skew():
     ids=str,
 )
 def test_generated_equations_are_those_of_the_library(skew, base):
-    assert experiment.disagreement(skew, base, count=20) < 1e-13
+    assert experiment.disagreement(skew, base, count=COUNT) < 1e-13
 
 
 def test_another_choice_is_noticed(skew):
-    q, u, _ = (x[0] for x in experiment.random_states(skew, 1))
-    other = experiment.in_speeds(skew, program.Base(3, (0, 1, 3)))
-    X, Y, _ = program.explicit_equations(program.chain_of(skew), program.Base(4, (0, 1, 3)), q, u)
-    assert float(jnp.abs(X - kj.mass_matrix(other, q)).max()) > 1e-2
-    assert float(jnp.abs(Y - kj.bias_force(other, q, u)).max()) > 1e-2
+    states = experiment.random_states(skew, COUNT)
+    found = experiment.generated_equations(skew, program.Base(4, (0, 1, 3)), *states)
+    other = experiment.library_equations(experiment.in_speeds(skew, program.Base(3, (0, 1, 3))), *states)
+    assert float(jnp.abs(found.X - other.X).max((1, 2)).min()) > 1e-2
+    assert float(jnp.abs(found.Y - other.Y).max(1).min()) > 1e-2
 
 
 def test_what_a_simulation_needs(skew):
-    base, tau = program.Base(3, (0, 1, 3)), jnp.arange(5.0)
-    q, u, _ = (x[0] for x in experiment.random_states(skew, 1))
-    X, right, rates = program.equations_of_simulation(program.chain_of(skew), base, q, u, tau)
-    arm = experiment.in_speeds(skew, base)
-    u_dot = kj.forward_dynamics(arm, q, u, tau)
-    assert float(jnp.abs(jnp.linalg.solve(X, right) - u_dot).max() / jnp.abs(u_dot).max()) < 1e-12
-    assert float(jnp.abs(rates - kj.rates_from_speeds(arm, q, u)).max()) < 1e-12
+    """The library's torques for the accelerations that follow are the given ones."""
+    base, chain = program.Base(3, (0, 1, 3)), program.chain_of(skew)
+    q, u, tau = experiment.random_states(skew, COUNT)
+    X, right, rates = jax.vmap(lambda *x: program.equations_of_simulation(chain, base, *x))(q, u, tau)
+    u_dot = np.linalg.solve(X, right[..., None])[..., 0]
+    expected = experiment.library_equations(experiment.in_speeds(skew, base), q, u, jnp.asarray(u_dot))
+    # Random states may be near singular ones.
+    assert float(jnp.median(jnp.abs(expected.torques - tau).max(1) / jnp.abs(tau).max(1))) < 1e-12
+    assert float(jnp.median(jnp.abs(rates - expected.rates).max(1))) < 1e-12
 
 
 def test_the_speeds_of_the_thesis_are_generated():
