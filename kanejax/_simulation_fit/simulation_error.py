@@ -13,6 +13,7 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
+import threadpoolctl
 from jaxtyping import Array, Float
 
 from kanejax._errors import UnsupportedModelError
@@ -21,7 +22,7 @@ from kanejax._parameters.parameterization import Parameterization
 from kanejax._simulate.checks import check_positive
 from kanejax._simulate.control import as_control
 from kanejax._simulate.runge_kutta import ExplicitRungeKutta
-from kanejax._simulation_fit.recorded import recorded
+from kanejax._simulation_fit.recorded import Recorded, recorded
 from kanejax._simulation_fit.runge_kutta import RungeKutta4
 from kanejax._simulation_fit.search import Search
 from kanejax._simulation_fit.shooting import Shooting
@@ -103,17 +104,38 @@ def fit_simulation(
     )
     search = Search(parameterization, thetas, data, progress)
     try:
-        for stage, window in enumerate(windows, 1):
-            pieces = cut(data.times, window, piece)
-            given = jnp.asarray(pieces.opening & (initial_state == "given"))
-            on_device = jax.tree.map(jnp.asarray, pieces._replace(ts=pieces.ts.astype(thetas.dtype)))
-            shooting = simulated(pieces=on_device, inside=jnp.asarray(pieces.counts), given=given)
-            search.run(shooting, window, max_iterations, is_last=stage == len(windows))
+        # LAPACK's threads make factors of small matrices no faster, and many times slower where others use the cores.
+        with _linear_algebra().limit(limits=1, user_api="blas"):
+            _run_stages(search, simulated, data, windows, piece, initial_state, max_iterations)
     except KeyboardInterrupt as error:
         if not search.history:
             raise
         raise FitInterrupted(search.fit(interrupted=True)) from error
     return search.fit()
+
+
+@functools.cache
+def _linear_algebra() -> threadpoolctl.ThreadpoolController:
+    """Looks for the libraries once, which takes some milliseconds."""
+    return threadpoolctl.ThreadpoolController()
+
+
+def _run_stages(
+    search: Search,
+    simulated: Callable[..., Shooting],
+    data: Recorded,
+    windows: Sequence[float | None],
+    piece: float | None,
+    initial_state: str,
+    max_iterations: int,
+) -> None:
+    """One length of the windows after the other."""
+    for stage, window in enumerate(windows, 1):
+        pieces = cut(data.times, window, piece)
+        given = jnp.asarray(pieces.opening & (initial_state == "given"))
+        on_device = jax.tree.map(jnp.asarray, pieces._replace(ts=pieces.ts.astype(search.thetas.dtype)))
+        shooting = simulated(pieces=on_device, inside=jnp.asarray(pieces.counts), given=given)
+        search.run(shooting, window, max_iterations, is_last=stage == len(windows))
 
 
 def _check(
