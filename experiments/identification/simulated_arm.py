@@ -41,6 +41,8 @@ RATE, DURATION = 500.0, 10.0
 TORQUE_NOISE, POSITION_NOISE, CORRELATION = 0.05, 1e-4, 0.9
 RUNS, QUICK_RUNS = 500, 30
 RANDOM_STARTS, FITTED_STARTS = 1000, 64
+# Of the filter [Hz]: ten times the motion's greatest frequency. Noise of accelerations biases estimates, the more the higher it is.
+CUTOFF = 10.0 * 5.0 / DURATION
 # The nominal masses are at least so wrong: one that is known no better is not told.
 WORST = 0.1
 SAMPLES = (10_000, 100_000, 1_000_000)
@@ -136,7 +138,7 @@ def recording(study: Study, seed: int, correlation: float = 0.0) -> kj.Log:
 
 
 def samples(study: Study, seed: int, correlation: float = 0.0) -> Samples:
-    return samples_of(kj.motions(recording(study, seed, correlation), study.nominal))
+    return samples_of(kj.motions(recording(study, seed, correlation), study.nominal, cutoff=CUTOFF))
 
 
 def errors(study: Study, runs: int, *, correlation: float = 0.0, fitted: bool = True, keep: Path | None = None) -> Errors:
@@ -165,15 +167,16 @@ def deviations(
     return np.sqrt(np.diag(said.covariance)), np.sqrt(np.diag(said.white))
 
 
-def bias(name: str, error: np.ndarray) -> tuple[Claim, dict]:
-    """Mean errors in their standard errors; were all estimates unbiased, the greatest would be normal ones'."""
+def bias(name: str, error: np.ndarray, *, expected: bool) -> tuple[Claim, dict]:
+    """Mean errors in their standard errors; were estimates unbiased, as may be `expected`, the greatest would be normal ones'."""
     runs, count = error.shape
     spread = error.std(0, ddof=1)
     scores = np.sqrt(runs) * np.abs(error.mean(0)) / spread
     limit = float(norm.isf((1.0 - 0.99 ** (1.0 / count)) / 2.0))
     share, relative = float(np.mean(scores > QUANTILE)), float(np.max(np.abs(error.mean(0)) / spread))
     text = f"{scores.max():.2f}; {100 * share:.0f} % above 1.96; at most {relative:.3f} of a standard deviation"
-    claim = Claim(f"{name}: greatest mean error of {count}, in standard errors", text, f"< {limit:.2f}", bool(scores.max() < limit))
+    holds = bool(scores.max() < limit) if expected else None
+    claim = Claim(f"{name}: greatest mean error of {count}, in standard errors", text, f"< {limit:.2f}" if expected else "", holds)
     return claim, {"greatest": float(scores.max()), "limit": limit, "share_above_196": share, "greatest_in_std": relative}
 
 
@@ -242,11 +245,13 @@ def claims_of_masses(found: Masses) -> tuple[list[Claim], dict]:
 
 
 def exactness(study: Study) -> tuple[list[Claim], dict]:
-    """Base parameters from data without errors, each relative to itself."""
+    """Base parameters from data without errors, each relative to itself; with a prior, the fit would be between it and the data."""
     data = samples_of([study.exact])
+    unknowns = [kj.Unknown("inertia", LINKS), "damping", "coulomb_friction", "offset"]
+    free = kj.parameterization(kj.Plant(study.nominal, kj.Drives.ideal(study.nominal)), unknowns)
     found = {
         "linear": linear_estimate(study.sought, data, base=study.base).value,
-        "fit": study.base.matrix @ np.asarray(fit_inverse_dynamics(study.sought, data).phi),
+        "fit": study.base.matrix @ np.asarray(fit_inverse_dynamics(free, data).phi),
     }
     worst = {name: float(np.max(np.abs(value / study.value - 1.0))) for name, value in found.items()}
     claims = [
@@ -391,8 +396,9 @@ def measured(runs: int, fitted: int, keep: Path) -> tuple[list[Claim], dict[str,
     weighed = masses(known, runs, keep)
     wanted = (0.93, 0.97)
     parts = {
-        "bias_linear": bias("linear estimate", white.linear),
-        "bias_fit": bias("fit", white.fit),
+        "bias_linear": bias("linear estimate", white.linear, expected=True),
+        # Where the data tell little, the prior and what bodies can have pull, as they are to.
+        "bias_fit": bias("fit", white.fit, expected=False),
         "coverage_linear": coverage("linear estimate", white.linear, white.std, wanted),
         "coverage_fit": coverage("fit", white.fit, white.fit_std, wanted),
         "coverage_white_intervals": coverage("intervals for white noise", white.linear, white.white, None),

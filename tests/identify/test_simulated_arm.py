@@ -56,7 +56,9 @@ def test_recordings_have_the_noise_that_is_said():
 
 
 def test_estimates_are_what_identify_returns():
-    found = identify(study().nominal, simulated_arm.recording(study(), 0), study().sought.unknowns, friction_width=None)
+    options = {"cutoff": simulated_arm.CUTOFF}
+    recording, unknowns = simulated_arm.recording(study(), 0), study().sought.unknowns
+    found = identify(study().nominal, recording, unknowns, friction_width=None, motion_options=options)
     assert found.base.value == pytest.approx(study().value + white().fit[0], rel=1e-6, abs=1e-9)
     assert found.base.std == pytest.approx(white().fit_std[0], rel=1e-3)
 
@@ -75,6 +77,7 @@ def test_coloured_noise_makes_intervals_for_white_noise_too_narrow():
 def test_exact_data_give_exact_base_parameters():
     _, worst = simulated_arm.exactness(study())
     assert worst["linear"] < 1e-8
+    assert worst["fit"] < 1e-8
 
 
 def test_masses_of_the_outer_links_are_found():
@@ -88,7 +91,7 @@ def test_masses_of_the_outer_links_are_found():
 )
 def test_verdicts(shift: float, size: float, unbiased: bool, covered: bool):
     error = shift + size * np.random.default_rng(0).normal(size=(200, 64))
-    assert simulated_arm.bias("these", error)[0].holds is unbiased
+    assert simulated_arm.bias("these", error, expected=True)[0].holds is unbiased
     claim, numbers = simulated_arm.coverage("these", error, np.ones_like(error), (0.93, 0.97))
     assert claim.holds is covered
     assert len(numbers["each"]) == 64
