@@ -24,7 +24,7 @@ ROBOTS = {
         "dm_control/suite/humanoid.xml",
     ),
 }
-IN_FLOAT32 = ("panda.urdf",)
+IN_FLOAT32 = ("ur5_robot.urdf",)
 QUICK = ("panda.urdf", "double_pendulum_continuous.urdf", "talos_reduced.urdf", "fish.xml")
 
 

@@ -23,21 +23,26 @@ def everything(model, q, u, u_dot, tau):
     }
 
 
-def compare(xml: str, dtype: str, tolerance: float, forward_tolerance: float, count: int = 3) -> None:
+def compare(xml: str, dtype: str, tolerance: float, forward_tolerance: float, count: int = 3, batch: bool = False) -> None:
+    """In a batch, or one state after the other, which compiles in half the time."""
     mj = mujoco.MjModel.from_xml_string(xml)
     model = kj.from_mujoco(mj).astype(dtype)
     q, u, other = random_states(mj, count)
     states = [jnp.asarray(x, dtype) for x in (q, u, other, other)]
-    found = jax.vmap(everything, (None, 0, 0, 0, 0))(model, *states)
+    if batch:
+        found = jax.vmap(everything, (None, 0, 0, 0, 0))(model, *states)
+        found = [{name: values[i] for name, values in found.items()} for i in range(count)]
+    else:
+        found = [everything(model, *(x[i] for x in states)) for i in range(count)]
     for i in range(count):
         answer = ask(mj, q[i], u[i], other[i], other[i])
-        for name, values in found.items():
+        for name, value in found[i].items():
             limit = forward_tolerance if name == "forward" else tolerance
-            error = relative(values[i], getattr(answer, name))
+            error = relative(value, getattr(answer, name))
             assert error <= limit, f"{name} differs by {error:.1e} from MuJoCo's in state {i}"
 
 
-@settings(max_examples=6, deadline=None, derandomize=True, database=None)
+@settings(max_examples=4, deadline=None, derandomize=True, database=None)
 @given(seed=st.integers(0, 10_000), bodies=st.integers(2, 40))
 def test_random_trees_in_float64(seed, bodies):
     compare(random_tree(seed, bodies), "float64", 1e-11, 1e-9)
@@ -45,7 +50,7 @@ def test_random_trees_in_float64(seed, bodies):
 
 @pytest.mark.parametrize(("seed", "bodies"), [(1, 4), (2, 12)])
 def test_random_trees_in_float32(seed, bodies):
-    compare(random_tree(seed, bodies), "float32", 1e-4, 1e-4)
+    compare(random_tree(seed, bodies), "float32", 1e-4, 1e-4, batch=bodies > 4)
 
 
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "weld"])
@@ -58,13 +63,13 @@ def test_chains_mix_revolute_and_prismatic_joints():
 
 
 def test_ball_joints_between_branches():
-    compare(random_tree(11, 9, ("ball", "hinge")), "float64", 1e-11, 1e-9)
+    compare(random_tree(11, 9, ("ball", "hinge")), "float64", 1e-11, 1e-9, batch=True)
 
 
-@pytest.mark.parametrize("seed", [3, 8])
-def test_kinematics_energy_and_momentum(seed):
-    mj = mujoco.MjModel.from_xml_string(random_tree(seed, 6))
+def test_kinematics_energy_and_momentum():
+    mj = mujoco.MjModel.from_xml_string(random_tree(2, 12))
     model = kj.from_mujoco(mj)
+    assert set(model.tree.joint_types) == {"revolute", "prismatic", "ball", "free"}
     (q,), (u,), (rate,) = random_states(mj, 1)
     wrench = np.random.default_rng(0).normal(size=(model.nbody, 6))
     tau = np.zeros(mj.nv)

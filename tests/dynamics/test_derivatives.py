@@ -23,74 +23,81 @@ def case():
     return mj, kj.from_mujoco(mj)
 
 
+def everything(model, q, u, tau):
+    """A sum, of which no number is finite that is not in all parts."""
+    return (
+        jnp.sum(kj.forward_dynamics(model, q, u, tau))
+        + jnp.sum(kj.inverse_dynamics(model, q, u, tau))
+        + jnp.sum(kj.mass_matrix(model, q))
+        + kj.kinetic_energy(model, q, u)
+        + kj.potential_energy(model, q)
+    )
+
+
+def singular_parts(model, q, u, tau):
+    """What divides or takes roots, and where springs turn: the rest of `everything` are products and sums of rotations."""
+    return jnp.sum(kj.forward_dynamics(model, q, u, tau)) + kj.potential_energy(model, q)
+
+
+value_and_gradients = jax.jit(jax.value_and_grad(everything, (0, 1, 2, 3)))
+
+
+def at_rest(model):
+    """Zero speeds, zero displacements and identity quaternions, with springs at their references and friction at rest."""
+    still = jnp.zeros(model.nv, model.dtype)
+    return jnp.asarray(model.coordinate_reference), still, still
+
+
 def test_tangent_gradient_is_the_derivative_along_the_speeds(case):
     mj, model = case
     (q,), (u,), (tau,) = random_states(mj, 1)
-
-    def loss(q):
-        return jnp.sum(jnp.sin(kj.forward_dynamics(model, q, jnp.asarray(u), jnp.asarray(tau))))
-
-    loss = jax.jit(loss)
-    found = kj.tangent_gradient(model, jnp.asarray(q), jax.grad(loss)(jnp.asarray(q)))
+    _, (_, of_q, *_) = value_and_gradients(model, q, u, tau)
+    found = kj.tangent_gradient(model, jnp.asarray(q), of_q)
     assert found.shape == (model.nv,)
     expected, step = np.zeros(model.nv), 1e-5
     for i, direction in enumerate(np.eye(model.nv)):
         for sign in (1, -1):
             moved = q.copy()
             mujoco.mj_integratePos(mj, moved, direction, sign * step)
-            expected[i] += sign * float(loss(jnp.asarray(moved))) / (2 * step)
+            expected[i] += sign * float(value_and_gradients(model, moved, u, tau)[0]) / (2 * step)
     assert relative(found, expected) < 1e-6
 
 
 def test_gradients_with_respect_to_every_leaf(case):
     mj, model = case
-    (q,), (u,), (tau,) = (jnp.asarray(x) for x in random_states(mj, 1))
-
-    @jax.jit
-    def loss(model):
-        return jnp.sum(kj.forward_dynamics(model, q, u, tau)) + jnp.sum(kj.inverse_dynamics(model, q, u, tau))
-
-    gradient = jax.jit(jax.grad(loss))(model)
+    (q,), (u,), (tau,) = random_states(mj, 1)
+    loss, (gradient, *_) = value_and_gradients(model, q, u, tau)
     rng = np.random.default_rng(1)
     for name in (f for f in vars(model) if f != "tree" and f != "joint_range"):
         leaf = getattr(model, name)
-        direction = jnp.asarray(rng.normal(size=leaf.shape))
+        direction = rng.normal(size=leaf.shape)
         step = 1e-6
-        ahead, behind = (loss(model.replace(**{name: leaf + sign * step * direction})) for sign in (1, -1))
-        slope = jnp.vdot(getattr(gradient, name), direction)
+        moved = (model.replace(**{name: leaf + sign * step * direction}) for sign in (1, -1))
+        ahead, behind = (float(value_and_gradients(each, q, u, tau)[0]) for each in moved)
+        slope = np.vdot(getattr(gradient, name), direction)
         # The differences are good to about 1e-16 / 1e-6 of the loss itself.
-        assert float(slope) == pytest.approx(float((ahead - behind) / (2 * step)), rel=1e-5, abs=1e-7 * abs(float(loss(model)))), (
-            name
-        )
+        assert slope == pytest.approx((ahead - behind) / (2 * step), rel=1e-5, abs=1e-7 * abs(float(loss))), name
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_gradients_are_finite_at_rest_and_at_the_identity(case, dtype):
-    """Zero speeds, zero displacements and identity quaternions, with springs at their references and friction at rest."""
-    _, model = case
-    model = model.astype(dtype)
-    rest = jnp.asarray(model.coordinate_reference)
-    still = jnp.zeros(model.nv, dtype)
-
-    def everything(model, q, u, tau):
-        """A sum, of which no number is finite that is not in all parts."""
-        return (
-            jnp.sum(kj.forward_dynamics(model, q, u, tau))
-            + jnp.sum(kj.inverse_dynamics(model, q, u, tau))
-            + jnp.sum(kj.mass_matrix(model, q))
-            + kj.kinetic_energy(model, q, u)
-            + kj.potential_energy(model, q)
-        )
-
-    for leaf in jax.tree.leaves(jax.jit(jax.grad(everything, (0, 1, 2, 3)))(model, rest, still, still)):
+    model = case[1].astype(dtype)
+    if dtype == "float64":
+        gradients = value_and_gradients(model, *at_rest(model))
+    else:
+        gradients = jax.jit(jax.grad(singular_parts, (0, 1, 2, 3)))(model, *at_rest(model))
+    for leaf in jax.tree.leaves(gradients):
+        assert leaf.dtype == dtype
         assert bool(jnp.isfinite(leaf).all())
 
 
 def test_second_derivatives_are_finite_at_rest(case):
+    """The sum of each row of the Hessian, of which none is finite that has a number which is not."""
     _, model = case
-    rest, still = model.coordinate_reference, jnp.zeros(model.nv)
-    hessian = jax.jit(jax.hessian(lambda q: jnp.sum(kj.forward_dynamics(model, q, still, still))))(rest)
-    assert bool(jnp.isfinite(hessian).all())
+    rest, still, _ = at_rest(model)
+    gradient = jax.grad(lambda q: jnp.sum(kj.forward_dynamics(model, q, still, still)))
+    rows = jax.jit(lambda q: jax.jvp(gradient, (q,), (jnp.ones_like(q),))[1])(rest)
+    assert bool(jnp.isfinite(rows).all())
 
 
 def test_length_of_a_quaternion_does_not_matter():
