@@ -79,6 +79,7 @@ from kanejax._operation_count import OperationCount as OperationCount, operation
 # What needs MuJoCo, diffrax or rich is imported when it is first used: they take longer than all else here. Type checkers read
 # the imports, Python reads the table.
 if _typing.TYPE_CHECKING:
+    from kanejax import constraints as constraints, costs as costs
     from kanejax._excitation.excitation import ExcitationDesign as ExcitationDesign, excitation as excitation
     from kanejax._excitation.fourier_motion import (
         FourierMotion as FourierMotion,
@@ -107,6 +108,22 @@ if _typing.TYPE_CHECKING:
     from kanejax._logs.motion import Motion as Motion, split as split
     from kanejax._logs.processing import motions as motions
     from kanejax._logs.read_log import read_log as read_log
+    from kanejax._optimize.feasibility import (
+        InfeasibleTaskError as InfeasibleTaskError,
+        NonFiniteTaskError as NonFiniteTaskError,
+    )
+    from kanejax._optimize.limits import Limits as Limits
+    from kanejax._optimize.moment import Constraint as Constraint, Cost as Cost, Moment as Moment
+    from kanejax._optimize.motion import OptimalMotion as OptimalMotion
+    from kanejax._optimize.optimize import (
+        Guess as Guess,
+        OptimizationError as OptimizationError,
+        OptimizationInterrupted as OptimizationInterrupted,
+        optimal_motion as optimal_motion,
+        optimize as optimize,
+        straight_guess as straight_guess,
+    )
+    from kanejax._optimize.task import Boundary as Boundary, MotionTask as MotionTask
     from kanejax._parameters.parameterization import (
         Parameterization as Parameterization,
         parameterization as parameterization,
@@ -153,6 +170,19 @@ else:
         "_logs.motion": ("Motion", "split"),
         "_logs.processing": ("motions",),
         "_logs.read_log": ("read_log",),
+        "_optimize.feasibility": ("InfeasibleTaskError", "NonFiniteTaskError"),
+        "_optimize.limits": ("Limits",),
+        "_optimize.moment": ("Constraint", "Cost", "Moment"),
+        "_optimize.motion": ("OptimalMotion",),
+        "_optimize.optimize": (
+            "Guess",
+            "OptimizationError",
+            "OptimizationInterrupted",
+            "optimal_motion",
+            "optimize",
+            "straight_guess",
+        ),
+        "_optimize.task": ("Boundary", "MotionTask"),
         "_parameters.parameterization": ("Parameterization", "parameterization"),
         "_parameters.payload": ("with_payload",),
         "_parameters.plant": ("Drives", "Plant", "drive_force", "signal"),
@@ -172,11 +202,15 @@ else:
         "_validate.validate": ("validate",),
     }
     _MODULES = {name: f"{__name__}.{module}" for module, names in _LATER.items() for name in names}
+    # These are modules themselves.
+    _MODULES |= {"constraints": __name__, "costs": __name__}
 
     def __getattr__(name: str) -> object:
         """Import a public name when it is first used."""
         if name not in _MODULES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        if _MODULES[name] == __name__:
+            return _importlib.import_module(f"{__name__}.{name}")
         value = globals()[name] = getattr(_importlib.import_module(_MODULES[name]), name)
         return value
 

@@ -1,0 +1,164 @@
+"""Optimal motions, by the interior-point method."""
+
+from collections.abc import Callable
+from typing import Any, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from kanejax._errors import KanejaxError
+from kanejax._optimal_control.interior_point import Result, Search, first_search, searched
+from kanejax._optimal_control.stages import Path
+from kanejax._optimize.displacement import displaced, displacement
+from kanejax._optimize.feasibility import check_finite, check_task, verdict
+from kanejax._optimize.motion import OptimalMotion, motion_of
+from kanejax._optimize.task import MotionTask
+from kanejax._optimize.transcription import MotionStages, State
+
+
+@final
+class Guess(eqx.Module):
+    """A first guess, which need not be a motion: an `OptimalMotion` has the same fields, for warm starts.
+
+    Attributes:
+        q: coordinates at the nodes.
+        u: speeds at the nodes.
+        u_dot: accelerations of the steps.
+        tau: forces of the steps.
+        duration: [s].
+    """
+
+    q: Float[Array, "nodes nq"]
+    u: Float[Array, "nodes nv"]
+    u_dot: Float[Array, "steps nv"]
+    tau: Float[Array, "steps nv"]
+    duration: Float[Array, ""]
+
+
+def straight_guess(task: MotionTask) -> Guess:
+    """Straight from the start to the goal: states between theirs, no accelerations, no forces."""
+    model, steps = task.model, task.steps
+    start, goal = _known(task.start.q, model), _known(task.goal.q, task.model)
+    if task.start.q is None:
+        start = goal
+    if task.goal.q is None:
+        goal = start
+    share = jnp.linspace(0.0, 1.0, steps + 1, dtype=model.dtype)[:, None]
+    whole = displacement(model.tree, start, goal)
+    q = jax.vmap(lambda part: displaced(model.tree, start, part * whole))(share[:, 0])
+    rest = jnp.zeros(model.nv, model.dtype)
+    first, last = (rest if each.u is None else each.u for each in (task.start, task.goal))
+    u = (1.0 - share) * first[None] + share * last[None]
+    none = jnp.zeros((steps, model.nv), model.dtype)
+    return Guess(q, u, none, none, 0.5 * (task.duration[0] + task.duration[1]))
+
+
+def _known(q: Any, model: Any) -> jax.Array:
+    return model.coordinate_reference if q is None else q
+
+
+def first_path(stages: MotionStages, guess: Guess | OptimalMotion) -> Path:
+    """A guess as states and controls."""
+    task = stages.task
+
+    def numbers(k: jax.Array, q: jax.Array, u: jax.Array, tau: jax.Array, u_dot: jax.Array) -> jax.Array:
+        return stages.numbers(k, State(q, u, tau, u_dot, guess.duration))
+
+    before = [jnp.concatenate((each[:1], each)) for each in (guess.tau, guess.u_dot)]
+    x = jax.vmap(numbers)(jnp.arange(task.steps + 1), guess.q, guess.u, *before)
+    return Path(x, guess.u_dot if task.dynamics == "inverse" else guess.tau)
+
+
+def optimal_motion(
+    task: MotionTask, guess: Guess | OptimalMotion | None = None, *, tolerance: float = 1e-8, max_iterations: int = 300
+) -> OptimalMotion:
+    """The motion of least cost near a guess, as a pure function: for `jax.jit`, `jax.vmap` over tasks, models and guesses.
+
+    Args:
+        task: what is asked for.
+        guess: where to start, `straight_guess(task)` by default. States need not follow from each other.
+        tolerance: to which the conditions of optimality hold in the end.
+        max_iterations: after which the search ends.
+
+    Returns:
+        The motion, and whether it is optimal.
+    """
+    guess = straight_guess(task) if guess is None else guess
+    stages = MotionStages(task, guess.q)
+    search: Search = first_search(stages, first_path(stages, guess))
+    return motion_of(stages, searched(stages, search, max_iterations, tolerance))
+
+
+class OptimizationError(KanejaxError, RuntimeError):
+    """A motion was not found; the message says what stands in the way, and `motion` is where the search ended."""
+
+    def __init__(self, message: str, motion: OptimalMotion) -> None:
+        """Keep the motion."""
+        super().__init__(message)
+        self.motion = motion
+
+
+class OptimizationInterrupted(KeyboardInterrupt):
+    """Ctrl-C; `motion` is where the search was, from which `optimize(task, motion)` goes on."""
+
+    def __init__(self, motion: OptimalMotion) -> None:
+        """Keep the motion."""
+        super().__init__("interrupted; the attribute `motion` is where the search was")
+        self.motion = motion
+
+
+def optimize(
+    task: MotionTask,
+    guess: Guess | OptimalMotion | None = None,
+    *,
+    tolerance: float = 1e-8,
+    max_iterations: int = 300,
+    progress: Callable[[OptimalMotion], None] | None = None,
+    throw: bool = True,
+) -> OptimalMotion:
+    """The motion of least cost near a guess, with a verdict where there is none; see `optimal_motion` for many at once.
+
+    Args:
+        task: what is asked for.
+        guess: where to start, `straight_guess(task)` by default; another task's optimal motion is a warm start.
+        tolerance: to which the conditions of optimality hold in the end.
+        max_iterations: after which the search ends.
+        progress: called with the motion so far after every ten iterations.
+        throw: raise where the search does not converge, instead of returning a motion that says so.
+
+    Returns:
+        The motion.
+
+    Raises:
+        InfeasibleTaskError: boundary values are beyond limits, or too far from each other.
+        NonFiniteTaskError: something is infinite or not a number at the first guess.
+        OptimizationError: the search did not converge.
+        OptimizationInterrupted: on Ctrl-C.
+    """
+    check_task(task)
+    guess = straight_guess(task) if guess is None else guess
+    stages = MotionStages(task, guess.q)
+    search = _first(stages, guess)
+    try:
+        while int(search.result) == Result.RUNNING and int(search.iterations) < max_iterations:
+            search = _next(
+                stages, search, jnp.asarray(min(_SEGMENT, max_iterations - int(search.iterations))), jnp.asarray(tolerance)
+            )
+            if progress is not None:
+                progress(_motion(stages, search))
+    except KeyboardInterrupt as error:
+        raise OptimizationInterrupted(_motion(stages, search)) from error
+    if int(search.result) == Result.NON_FINITE:
+        check_finite(stages, search.point.path)
+    motion = _motion(stages, search)
+    if throw and int(search.result) != Result.CONVERGED:
+        raise OptimizationError(verdict(stages, search), motion)
+    return motion
+
+
+_SEGMENT = 10
+_first = eqx.filter_jit(lambda stages, guess: first_search(stages, first_path(stages, guess)))
+_next = eqx.filter_jit(searched)
+_motion = eqx.filter_jit(motion_of)
