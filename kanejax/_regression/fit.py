@@ -1,7 +1,7 @@
 """The inverse-dynamics stage: parameters that fit the signals best among those that rigid bodies and drives can have.
 
 The data are compressed into as many rows as there are parameters (see compress), and optimistix minimises over the
-free coordinates theta on that alone; many starts at once cost little more than one. Where the signals are not linear in the
+free coordinates theta on that alone, so that many starts cost few times as much as one. Where the signals are not linear in the
 parameters, data are linearised and compressed again at each solution; where errors of the signals are to be
 weighted by their own size, or by Huber's function, the weights are found on the way.
 """
@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import lineax as lx
 import numpy as np
 import optimistix as optx
+from jax import lax
 from jaxtyping import Array, Float
 
 from kanejax._parameters.parameterization import Parameterization
@@ -21,6 +22,7 @@ from kanejax._regression.compress import Compressed, combined, compress, residua
 from kanejax._regression.huber import huber_cost
 from kanejax._regression.linear_estimate import UNEXCITED, error_scale, robust_scale, scaled_gram, signal_sizes
 from kanejax._regression.linearization import Samples, delay_index
+from kanejax._regression.one_thread import one_thread
 
 # How far a step may go, relative to the parameters' own scales, and how this changes when a step fails.
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-9, 1e9
@@ -94,9 +96,10 @@ def fit_inverse_dynamics(
     """
     thetas = parameterization.theta0[None] if starts is None else starts
     signals = _Signals(parameterization, samples, samples_at, robust, sigma)
-    if parameterization.linear:
-        return _fit_linear(signals, thetas, max_rounds, progress)
-    fits = [_fit_nonlinear(signals, theta, max_rounds, progress) for theta in thetas]
+    with one_thread():
+        if parameterization.linear:
+            return _fit_linear(signals, thetas, max_rounds, progress)
+        fits = [_fit_nonlinear(signals, theta, max_rounds, progress) for theta in thetas]
     costs = np.array([fit.history[-1].cost if fit.history else np.inf for fit in fits])
     best = int(np.argmin(costs))
     return _told(fits[best], costs)
@@ -237,7 +240,8 @@ def _solved(
         spring = jnp.sqrt(jnp.asarray(damping, theta.dtype)) * jnp.where(held, 1e6, 1.0) * lengths
         return *_errors(parameterization, root, center, theta), spring * (parameterization.phi(theta) - center)
 
-    tolerance = 1e-10 if thetas.dtype == jnp.float64 else 1e-5
+    # Of many starts the best is solved for again in the next round.
+    tolerance = (1e-10 if len(thetas) == 1 else 1e-6) if thetas.dtype == jnp.float64 else 1e-5
     # Normal equations for the steps: the residuals, which say where they end, are not squared.
     solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance, linear_solver=lx.Normal(lx.Cholesky()))
 
@@ -247,7 +251,8 @@ def _solved(
         cost = sum(jnp.sum(x * x) for x in left)
         return value, jnp.where(jnp.isfinite(cost), cost, jnp.inf)
 
-    return jax.vmap(solve)(thetas)
+    # One after another: side by side all would take as many steps as the slowest, in matrices that leave the cache.
+    return lax.map(solve, thetas)
 
 
 def _errors(

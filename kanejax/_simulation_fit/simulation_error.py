@@ -13,12 +13,12 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-import threadpoolctl
 from jaxtyping import Array, Float
 
 from kanejax._errors import UnsupportedModelError
 from kanejax._logs.motion import Motion
 from kanejax._parameters.parameterization import Parameterization
+from kanejax._regression.one_thread import one_thread
 from kanejax._simulate.checks import check_positive
 from kanejax._simulate.control import as_control
 from kanejax._simulate.runge_kutta import ExplicitRungeKutta
@@ -104,20 +104,13 @@ def fit_simulation(
     )
     search = Search(parameterization, thetas, data, progress)
     try:
-        # LAPACK's threads make factors of small matrices no faster, and many times slower where others use the cores.
-        with _linear_algebra().limit(limits=1, user_api="blas"):
+        with one_thread():
             _run_stages(search, simulated, data, windows, piece, initial_state, max_iterations)
     except KeyboardInterrupt as error:
         if not search.history:
             raise
         raise FitInterrupted(search.fit(interrupted=True)) from error
     return search.fit()
-
-
-@functools.cache
-def _linear_algebra() -> threadpoolctl.ThreadpoolController:
-    """Looks for the libraries once, which takes some milliseconds."""
-    return threadpoolctl.ThreadpoolController()
 
 
 def _run_stages(
