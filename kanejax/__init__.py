@@ -124,6 +124,13 @@ if _typing.TYPE_CHECKING:
         straight_guess as straight_guess,
     )
     from kanejax._optimize.task import Boundary as Boundary, MotionTask as MotionTask
+    from kanejax._optimize.tracking import (
+        Deviation as Deviation,
+        Tracking as Tracking,
+        replayed as replayed,
+        replayed_by_mujoco as replayed_by_mujoco,
+        tracking as tracking,
+    )
     from kanejax._parameters.parameterization import (
         Parameterization as Parameterization,
         parameterization as parameterization,
@@ -183,6 +190,7 @@ else:
             "straight_guess",
         ),
         "_optimize.task": ("Boundary", "MotionTask"),
+        "_optimize.tracking": ("Deviation", "Tracking", "replayed", "replayed_by_mujoco", "tracking"),
         "_parameters.parameterization": ("Parameterization", "parameterization"),
         "_parameters.payload": ("with_payload",),
         "_parameters.plant": ("Drives", "Plant", "drive_force", "signal"),

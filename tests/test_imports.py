@@ -31,7 +31,7 @@ BELOW = {
     "_excitation": {"_regression", "_types", "_model", "_evaluate", "_dynamics", "_errors"},
     "_simulation_fit": {"_logs", "_parameters", "_regression", "_model", "_dynamics", "_simulate", "_errors"},
     "_optimal_control": set(),
-    "_optimize": {"_optimal_control", "_model", "_dynamics", "_kinematics", "_errors"},
+    "_optimize": {"_optimal_control", "_model", "_dynamics", "_kinematics", "_simulate", "_io", "_errors"},
     "costs": {"_optimize", "_kinematics"},
     "constraints": {"_optimize", "_kinematics"},
     "_identify": {"_logs", "_parameters", "_regression", "_simulation_fit", "_model", "_errors"},

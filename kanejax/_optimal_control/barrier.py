@@ -93,6 +93,12 @@ def kept_near(slacks: Slacks, mu: jax.Array) -> Slacks:
     return slacks._replace(z=jnp.where(slacks.z > 0, jnp.clip(slacks.z, nearest / _NEAR, nearest * _NEAR), slacks.z))
 
 
+def bent(rows: Float[Array, "n own"], weights: Float[Array, " own+n"]) -> Float[Array, "own own"]:
+    """Curvature by states and controls from that by states, controls and rows."""
+    own = rows.shape[1]
+    return jnp.diag(weights[:own]) + jnp.matmul(rows.T, weights[own:, None] * rows, precision="highest")
+
+
 def equation_weakness(dtype: jnp.dtype) -> float:
     """By how much equations are weakened."""
     return math.sqrt(float(jnp.finfo(dtype).eps))

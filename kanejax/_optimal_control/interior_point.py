@@ -285,8 +285,8 @@ def _direction(here: _Here, search: Search, mu: jax.Array) -> tuple[Step, jax.Ar
         at.final_cost + _pulled(at.final_rows, final.slope),
         at.values.next - point.path.x[1:],
     )
-    curved = at.hessian + jax.vmap(_bent)(at.rows, weights.curvature)
-    final_curved = at.final_hessian + _bent(at.final_rows, final.curvature)
+    curved = at.hessian + jax.vmap(barrier.bent)(at.rows, weights.curvature)
+    final_curved = at.final_hessian + barrier.bent(at.final_rows, final.curvature)
 
     def attempt(extra: jax.Array) -> Step:
         more = extra * jnp.eye(curved.shape[-1], dtype=curved.dtype)
@@ -305,12 +305,6 @@ def _direction(here: _Here, search: Search, mu: jax.Array) -> tuple[Step, jax.Ar
 
     extra, step = lax.while_loop(fails, again, (search.extra, attempt(search.extra)))
     return step, extra
-
-
-def _bent(rows: Float[Array, "n own"], weights: Float[Array, " own+n"]) -> Float[Array, "own own"]:
-    """Curvature by states and controls from that by states, controls and rows."""
-    own = rows.shape[1]
-    return jnp.diag(weights[:own]) + jnp.matmul(rows.T, weights[own:, None] * rows, precision="highest")
 
 
 def _change(here: _Here, point: Point, step: Step, mu: jax.Array) -> Point:

@@ -58,6 +58,7 @@ def motion_of(stages: MotionStages, search: Search) -> OptimalMotion:
     ts = numbers.astype(h.dtype) * h
     before = jax.tree.map(lambda x: x[:-1], states)
     moments: Moment = jax.vmap(lambda t, state, w: stages.step(state, w, t, h).moment)(ts[:-1], before, path.w)
+    costs = stages.costs(path)
     return OptimalMotion(
         ts=ts,
         q=states.q,
@@ -65,8 +66,8 @@ def motion_of(stages: MotionStages, search: Search) -> OptimalMotion:
         u_dot=moments.u_dot,
         tau=moments.tau,
         duration=states.duration[0],
-        cost=search.cost,
-        costs=stages.costs(path),
+        cost=sum(costs.values(), jnp.zeros((), ts.dtype)),
+        costs=costs,
         result=search.result,
         iterations=search.iterations,
         errors=search.errors,

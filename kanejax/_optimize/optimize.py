@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from kanejax._errors import KanejaxError
-from kanejax._optimal_control.interior_point import Result, Search, first_search, searched
+from kanejax._optimal_control.interior_point import Result, first_search, searched
+from kanejax._optimal_control.sensitivity import optimum
 from kanejax._optimal_control.stages import Path
 from kanejax._optimize.displacement import displaced, displacement
 from kanejax._optimize.feasibility import check_finite, check_task, verdict
@@ -76,6 +77,10 @@ def optimal_motion(
 ) -> OptimalMotion:
     """The motion of least cost near a guess, as a pure function: for `jax.jit`, `jax.vmap` over tasks, models and guesses.
 
+    Gradients of the motion, its duration and its cost with respect to all that is in the task, such as masses, link lengths, goals
+    and limits, are those of the implicit function theorem, in forward and in reverse mode; of the first order, and where the search
+    converged.
+
     Args:
         task: what is asked for.
         guess: where to start, `straight_guess(task)` by default. States need not follow from each other.
@@ -86,9 +91,10 @@ def optimal_motion(
         The motion, and whether it is optimal.
     """
     guess = straight_guess(task) if guess is None else guess
+    # The optimum does not depend on where the search began.
+    guess = jax.lax.stop_gradient(guess)
     stages = MotionStages(task, guess.q)
-    search: Search = first_search(stages, first_path(stages, guess))
-    return motion_of(stages, searched(stages, search, max_iterations, tolerance))
+    return motion_of(stages, optimum(stages, first_path(stages, guess), max_iterations, tolerance))
 
 
 class OptimizationError(KanejaxError, RuntimeError):

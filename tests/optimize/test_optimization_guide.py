@@ -1,0 +1,25 @@
+"""The guide to optimal motions runs as printed."""
+
+import pathlib
+import re
+
+import numpy as np
+import pytest
+
+import kanejax as kj
+
+GUIDE = pathlib.Path(kj.__file__).parents[1] / "docs" / "optimization.md"
+
+
+@pytest.mark.slow
+def test_the_guide_runs_as_printed():
+    names: dict = {}
+    for block in re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL):
+        exec(block, names)
+    assert bool(names["motion"].converged)
+    assert bool(names["around"].converged)
+    assert 0.3 < float(names["around"].duration) < 3.0
+    assert np.all(names["converged"])
+    assert "which takes at least 0.6 s" in str(names["refused"])
+    assert np.isfinite(names["slope"])
+    assert np.abs(names["held"].q[-1]).max() < np.abs(names["off_wrong"].q[-1]).max()

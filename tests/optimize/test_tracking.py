@@ -1,0 +1,52 @@
+"""Feedback along an optimal motion, in diffrax and in MuJoCo, for robots that are not as they are said to be."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import kanejax as kj
+from kanejax import costs
+
+
+@pytest.fixture(scope="module")
+def case():
+    """A planar arm that has to stand up, where it would fall without feedback."""
+    arm = kj.load(
+        """<mujoco><worldbody>
+      <body name="upper"><joint name="shoulder" axis="0 1 0"/><inertial pos="0 0 .25" mass="2" diaginertia=".05 .05 .01"/>
+        <body name="fore" pos="0 0 .5"><joint name="elbow" axis="0 1 0"/>
+          <inertial pos="0 0 .2" mass="1" diaginertia=".02 .02 .005"/></body></body></worldbody></mujoco>"""
+    )
+    task = kj.MotionTask(arm, [2.0, -1.0], [0.3, 0.2], 1.5, costs.torque(), limits=kj.Limits(arm, tau=40.0), steps=30)
+    return arm, kj.optimize(task)
+
+
+def test_both_simulators_agree(case):
+    arm, motion = case
+    ours, theirs = kj.replayed(arm, motion), kj.replayed_by_mujoco(arm, motion, substeps=400)
+    assert np.abs(ours.q - theirs.q).max() < 2e-2 * max(1.0, np.abs(ours.q).max())
+    assert np.abs(ours.q[0]).max() == np.abs(theirs.u[0]).max() == 0.0
+
+
+def test_feedback_holds_a_motion_that_is_lost_without_it(case):
+    arm, motion = case
+    wrong = arm.replace(mass=1.1 * arm.mass, com=0.9 * arm.com, central_inertia=1.1 * arm.central_inertia)
+    lost = kj.replayed(wrong, motion)
+    control = kj.tracking(arm, motion)
+    held = kj.replayed(wrong, motion, control)
+    assert np.abs(lost.q).max() > 0.3
+    assert np.abs(held.q).max() < 0.02
+    assert np.abs(held.q).max() < 0.05 * np.abs(lost.q).max()
+    theirs = kj.replayed_by_mujoco(wrong, motion, control, substeps=100)
+    assert np.abs(theirs.q - held.q).max() < 5e-3
+
+
+def test_on_the_motion_the_forces_are_its_own(case):
+    arm, motion = case
+    control = kj.tracking(arm, motion)
+    forces = jax.jit(lambda t, q, u: control(t, q, u))
+    for k in (0, 7, 29):
+        np.testing.assert_allclose(forces(motion.ts[k], motion.q[k], motion.u[k]), motion.tau[k], atol=1e-9)
+    smaller = kj.tracking(arm, motion, tau_error=jnp.array([0.01, 0.01]))
+    assert np.abs(smaller.gains).max() < 0.2 * np.abs(control.gains).max()
