@@ -99,6 +99,12 @@ def bent(rows: Float[Array, "n own"], weights: Float[Array, " own+n"]) -> Float[
     return jnp.diag(weights[:own]) + jnp.matmul(rows.T, weights[own:, None] * rows, precision="highest")
 
 
+def pulled(rows: jax.Array, weights: jax.Array) -> jax.Array:
+    """Weights of states, controls and rows as weights of states and controls."""
+    own = rows.shape[-1]
+    return weights[..., :own] + jnp.einsum("...cv,...c->...v", rows, weights[..., own:], precision="highest")
+
+
 def equation_weakness(dtype: jnp.dtype) -> float:
     """By how much equations are weakened."""
     return math.sqrt(float(jnp.finfo(dtype).eps))

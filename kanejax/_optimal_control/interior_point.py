@@ -211,18 +211,12 @@ def _cost(values: StageValues, final: FinalValues) -> jax.Array:
     return jnp.sum(values.cost) + final.cost
 
 
-def _pulled(rows: jax.Array, weights: jax.Array) -> jax.Array:
-    """Weights of states, controls and rows as weights of states and controls."""
-    own = rows.shape[-1]
-    return weights[..., :own] + jnp.einsum("...cv,...c->...v", rows, weights[..., own:], precision="highest")
-
-
 def _errors(here: _Here, point: Point, mu: jax.Array) -> Errors:
     at, nx = here.at, point.path.x.shape[1]
-    of_stage = at.cost + _pulled(at.rows, barrier.multiplier(point.stage))
+    of_stage = at.cost + barrier.pulled(at.rows, barrier.multiplier(point.stage))
     of_stage = of_stage + jnp.einsum("kxv,kx->kv", at.next, point.multiplier, precision="highest")
     of_stage = of_stage.at[1:, :nx].add(-point.multiplier[:-1])
-    of_final = at.final_cost + _pulled(at.final_rows, barrier.multiplier(point.final)) - point.multiplier[-1]
+    of_final = at.final_cost + barrier.pulled(at.final_rows, barrier.multiplier(point.final)) - point.multiplier[-1]
     both = ((point.stage, here.bounds.stage), (point.final, here.bounds.final))
     products = [jnp.where(barrier.is_limit(bounds), jnp.abs(each.s * each.z - mu), 0.0) for each, bounds in both]
     limits = jnp.stack([jnp.sum(barrier.is_limit(bounds)) for _, bounds in both]).sum()
@@ -281,8 +275,8 @@ def _direction(here: _Here, search: Search, mu: jax.Array) -> tuple[Step, jax.Ar
     weights = barrier.weights(here.y, here.bounds.stage, point.stage, mu)
     final = barrier.weights(here.final_y, here.bounds.final, point.final, mu)
     slopes = Slopes(
-        at.cost + _pulled(at.rows, weights.slope),
-        at.final_cost + _pulled(at.final_rows, final.slope),
+        at.cost + barrier.pulled(at.rows, weights.slope),
+        at.final_cost + barrier.pulled(at.final_rows, final.slope),
         at.values.next - point.path.x[1:],
     )
     curved = at.hessian + jax.vmap(barrier.bent)(at.rows, weights.curvature)

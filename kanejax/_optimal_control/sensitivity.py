@@ -128,9 +128,9 @@ def _solved(stages: AbstractStages, search: Search, conditions: _Conditions) -> 
     def product(unknown: jax.Array) -> jax.Array:
         x, w, multiplier, held, final_held = apart(unknown)
         v = jnp.concatenate((x[:-1], w), 1)
-        stage = _each(at.hessian, v) + _pulled(at.rows, held)
+        stage = _each(at.hessian, v) + barrier.pulled(at.rows, held)
         stage = stage + jnp.einsum("kxv,kx->kv", at.next, multiplier, precision="highest")
-        last = jnp.matmul(at.final_hessian, x[-1], precision="highest") + _pulled(at.final_rows, final_held)
+        last = jnp.matmul(at.final_hessian, x[-1], precision="highest") + barrier.pulled(at.final_rows, final_held)
         rows = jnp.concatenate((v, _each(at.rows, v)), 1) - give * held
         final_rows = jnp.concatenate((x[-1], jnp.matmul(at.final_rows, x[-1], precision="highest"))) - final_give * final_held
         states = jnp.concatenate((stage[:, :nx], last[None])).at[1:].add(-multiplier)
@@ -138,8 +138,8 @@ def _solved(stages: AbstractStages, search: Search, conditions: _Conditions) -> 
 
     def once(known: jax.Array) -> jax.Array:
         of_x, of_w, of_gap, of_held, of_final_held = apart(known)
-        stage = jnp.concatenate((of_x[:-1], of_w), 1) + _pulled(at.rows, hard * of_held)
-        step = minimizer(quadratic, Slopes(-stage, -of_x[-1] - _pulled(at.final_rows, final_hard * of_final_held), -of_gap))
+        stage = jnp.concatenate((of_x[:-1], of_w), 1) + barrier.pulled(at.rows, hard * of_held)
+        step = minimizer(quadratic, Slopes(-stage, -of_x[-1] - barrier.pulled(at.final_rows, final_hard * of_final_held), -of_gap))
         v, last = jnp.concatenate((step.x[:-1], step.w), 1), step.x[-1]
         held = hard * (jnp.concatenate((v, _each(at.rows, v)), 1) - of_held)
         ends = jnp.concatenate((last, jnp.matmul(at.final_rows, last, precision="highest")))
@@ -152,12 +152,6 @@ def _solved(stages: AbstractStages, search: Search, conditions: _Conditions) -> 
         return lax.fori_loop(0, _REFINEMENTS, refine, jnp.zeros_like(known))
 
     return apart(lax.custom_linear_solve(product, known, solution, symmetric=True))
-
-
-def _pulled(rows: jax.Array, weights: jax.Array) -> jax.Array:
-    """Weights of states, controls and rows as weights of states and controls."""
-    own = rows.shape[-1]
-    return weights[..., :own] + jnp.einsum("...cv,...c->...v", rows, weights[..., own:], precision="highest")
 
 
 def _each(matrices: jax.Array, vectors: jax.Array) -> jax.Array:

@@ -1,10 +1,12 @@
 """An optimal control problem in discrete time, stage by stage."""
 
 import abc
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 
@@ -74,7 +76,7 @@ def values(stages: AbstractStages, path: Path) -> tuple[StageValues, FinalValues
 
 def bounded(path: Path, stage: jax.Array, final: jax.Array) -> tuple[Float[Array, "N ny"], Float[Array, " nyN"]]:
     """What has bounds, in their order, from the path and the rows."""
-    return jax.numpy.concatenate((path.x[:-1], path.w, stage), 1), jax.numpy.concatenate((path.x[-1], final))
+    return jnp.concatenate((path.x[:-1], path.w, stage), 1), jnp.concatenate((path.x[-1], final))
 
 
 class Derivatives(NamedTuple):
@@ -122,28 +124,32 @@ def derivatives(
         return found._replace(cost=scale * found.cost)
 
     def of_stage(k: jax.Array, v: jax.Array, of_next: jax.Array, of_rows: jax.Array) -> tuple:
-        one = jax.numpy.ones((), v.dtype)
+        one = jnp.ones((), v.dtype)
         return _jacobian(lambda v: _with_gradient(lambda v: scaled(k, v), v, StageValues(of_next, one, of_rows)), v)
 
-    v = jax.numpy.concatenate((path.x[:-1], path.w), 1)
+    v = jnp.concatenate((path.x[:-1], path.w), 1)
     (found, _), (slopes, hessian) = jax.vmap(of_stage)(_numbers(path), v, of_next, of_rows)
-    one = FinalValues(jax.numpy.ones((), v.dtype), of_final)
+    one = FinalValues(jnp.ones((), v.dtype), of_final)
     (final, _), (final_slopes, final_hessian) = _jacobian(lambda x: _with_gradient(scaled_final, x, one), path.x[-1])
     return Derivatives(
         found, final, slopes.next, slopes.rows, slopes.cost, hessian, final_slopes.rows, final_slopes.cost, final_hessian
     )
 
 
-def _with_gradient(function, at, cotangents):  # noqa: ANN001, ANN202
+def _with_gradient(function: Callable[[jax.Array], Any], at: jax.Array, cotangents: Any) -> tuple[Any, jax.Array]:
+    """Values, and the gradient of their sum with these weights."""
     found, pull_back = jax.vjp(function, at)
     return found, pull_back(cotangents)[0]
 
 
-def _jacobian(function, at):  # noqa: ANN001, ANN202
+def _jacobian(function: Callable[[jax.Array], Any], at: jax.Array) -> tuple[Any, Any]:
     """Values, and derivatives on the last axis."""
-    push = lambda direction: jax.jvp(function, (at,), (direction,))  # noqa: E731
-    return jax.vmap(push, out_axes=(None, -1))(jax.numpy.eye(len(at), dtype=at.dtype))
+
+    def push(direction: jax.Array) -> tuple[Any, Any]:
+        return jax.jvp(function, (at,), (direction,))
+
+    return jax.vmap(push, out_axes=(None, -1))(jnp.eye(len(at), dtype=at.dtype))
 
 
 def _numbers(path: Path) -> Int[Array, " N"]:
-    return jax.numpy.arange(len(path.w))
+    return jnp.arange(len(path.w))
