@@ -61,8 +61,16 @@ def _known(q: Any, model: Any) -> jax.Array:
 
 
 def first_path(stages: MotionStages, guess: Guess | OptimalMotion) -> Path:
-    """A guess as states and controls."""
+    """A guess as states and controls.
+
+    Raises:
+        ValueError: the guess does not fit the task.
+    """
     task = stages.task
+    model, nodes = task.model, task.steps + 1
+    for name, count, size in (("q", nodes, model.nq), ("u", nodes, model.nv), ("tau", task.steps, model.nv)):
+        if getattr(guess, name).shape != (count, size):
+            raise ValueError(f"guess.{name} has shape {getattr(guess, name).shape}, but this task needs ({count}, {size})")
 
     def numbers(k: jax.Array, q: jax.Array, u: jax.Array, tau: jax.Array, u_dot: jax.Array) -> jax.Array:
         return stages.numbers(k, State(q, u, tau, u_dot, guess.duration))
@@ -72,8 +80,14 @@ def first_path(stages: MotionStages, guess: Guess | OptimalMotion) -> Path:
     return Path(x, guess.u_dot if task.dynamics == "inverse" else guess.tau)
 
 
+def _tolerance(task: MotionTask, given: float | None) -> jax.Array:
+    dtype = task.model.dtype
+    default = 1e-8 if dtype == jnp.float64 else 1e-3
+    return jnp.asarray(default if given is None else given, dtype)
+
+
 def optimal_motion(
-    task: MotionTask, guess: Guess | OptimalMotion | None = None, *, tolerance: float = 1e-8, max_iterations: int = 300
+    task: MotionTask, guess: Guess | OptimalMotion | None = None, *, tolerance: float | None = None, max_iterations: int = 300
 ) -> OptimalMotion:
     """The motion of least cost near a guess, as a pure function: for `jax.jit`, `jax.vmap` over tasks, models and guesses.
 
@@ -84,7 +98,7 @@ def optimal_motion(
     Args:
         task: what is asked for.
         guess: where to start, `straight_guess(task)` by default. States need not follow from each other.
-        tolerance: to which the conditions of optimality hold in the end.
+        tolerance: to which the conditions of optimality hold in the end, by default 1e-8 (float32: 1e-3).
         max_iterations: after which the search ends.
 
     Returns:
@@ -94,7 +108,7 @@ def optimal_motion(
     # The optimum does not depend on where the search began.
     guess = jax.lax.stop_gradient(guess)
     stages = MotionStages(task, guess.q)
-    return motion_of(stages, optimum(stages, first_path(stages, guess), max_iterations, tolerance))
+    return motion_of(stages, optimum(stages, first_path(stages, guess), max_iterations, _tolerance(task, tolerance)))
 
 
 class OptimizationError(KanejaxError, RuntimeError):
@@ -119,7 +133,7 @@ def optimize(
     task: MotionTask,
     guess: Guess | OptimalMotion | None = None,
     *,
-    tolerance: float = 1e-8,
+    tolerance: float | None = None,
     max_iterations: int = 300,
     progress: Callable[[OptimalMotion], None] | None = None,
     throw: bool = True,
@@ -129,7 +143,7 @@ def optimize(
     Args:
         task: what is asked for.
         guess: where to start, `straight_guess(task)` by default; another task's optimal motion is a warm start.
-        tolerance: to which the conditions of optimality hold in the end.
+        tolerance: to which the conditions of optimality hold in the end, by default 1e-8 (float32: 1e-3).
         max_iterations: after which the search ends.
         progress: called with the motion so far after every ten iterations.
         throw: raise where the search does not converge, instead of returning a motion that says so.
@@ -149,9 +163,8 @@ def optimize(
     search = _first(stages, guess)
     try:
         while int(search.result) == Result.RUNNING and int(search.iterations) < max_iterations:
-            search = _next(
-                stages, search, jnp.asarray(min(_SEGMENT, max_iterations - int(search.iterations))), jnp.asarray(tolerance)
-            )
+            count = min(_SEGMENT, max_iterations - int(search.iterations))
+            search = _next(stages, search, jnp.asarray(count), _tolerance(task, tolerance))
             if progress is not None:
                 progress(_motion(stages, search))
     except KeyboardInterrupt as error:

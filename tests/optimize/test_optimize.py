@@ -246,3 +246,17 @@ def test_functions_of_wrong_shape_are_named(arm):
     wrong = kj.Constraint(lambda model, at: at.q, upper=np.zeros(3), name="three")
     with pytest.raises(ValueError, match=r"upper of constraint 'three' has shape \(3,\), but its function returns \(2,\)"):
         kj.optimize(task(arm, constraints=wrong))
+
+
+def test_a_guess_of_another_length_is_refused(arm):
+    guess = kj.straight_guess(task(arm, steps=10))
+    with pytest.raises(ValueError, match=r"guess.q has shape \(11, 2\), but this task needs \(21, 2\)"):
+        kj.optimize(task(arm), guess)
+
+
+def test_float32(arm):
+    single = arm.astype(jnp.float32)
+    motion = kj.optimize(task(single))
+    assert bool(motion.converged)
+    assert motion.q.dtype == motion.tau.dtype == motion.cost.dtype == jnp.float32
+    assert float(motion.cost) == pytest.approx(float(solve(task(arm)).cost), rel=1e-3)
