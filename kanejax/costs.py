@@ -33,27 +33,27 @@ class _Squares(eqx.Module):
 
 def torque(weights: ArrayLike = 1.0) -> Cost:
     """Integral of the squared forces at the joints [(N m)^2 s]; weights, one for all or (nv,)."""
-    return Cost(_Squares(jnp.asarray(weights), "tau"), name="torque")
+    return Cost(_Squares(jnp.asarray(weights, float), "tau"), name="torque")
 
 
 def torque_rate(weights: ArrayLike = 1.0) -> Cost:
     """Integral of the squared change of the forces a unit of time [(N m)^2 / s]."""
-    return Cost(_Squares(jnp.asarray(weights), "tau_rate"), name="torque_rate", needs=("tau_rate",))
+    return Cost(_Squares(jnp.asarray(weights, float), "tau_rate"), name="torque_rate", needs=("tau_rate",))
 
 
 def speed(weights: ArrayLike = 1.0) -> Cost:
     """Integral of the squared speeds."""
-    return Cost(_Squares(jnp.asarray(weights), "u"), name="speed")
+    return Cost(_Squares(jnp.asarray(weights, float), "u"), name="speed")
 
 
 def acceleration(weights: ArrayLike = 1.0) -> Cost:
     """Integral of the squared rates of the speeds."""
-    return Cost(_Squares(jnp.asarray(weights), "u_dot"), name="acceleration")
+    return Cost(_Squares(jnp.asarray(weights, float), "u_dot"), name="acceleration")
 
 
 def jerk(weights: ArrayLike = 1.0) -> Cost:
     """Integral of the squared change of u_dot a unit of time."""
-    return Cost(_Squares(jnp.asarray(weights), "jerk"), name="jerk", needs=("jerk",))
+    return Cost(_Squares(jnp.asarray(weights, float), "jerk"), name="jerk", needs=("jerk",))
 
 
 def duration(weight: ArrayLike = 1.0) -> Cost:
@@ -68,7 +68,7 @@ def energy(weight: ArrayLike = 1.0, *, width: ArrayLike = 1.0) -> Cost:
         weight: factor.
         width: power [W] below which abs is rounded, sqrt(power^2 + width^2) - width.
     """
-    return Cost(_Power(jnp.asarray(width)), weight, name="energy")
+    return Cost(_Power(jnp.asarray(width, float)), weight, name="energy")
 
 
 def tracking(q: Float[ArrayLike, "nodes nq"], duration: ArrayLike, weights: ArrayLike = 1.0) -> Cost:
@@ -79,7 +79,7 @@ def tracking(q: Float[ArrayLike, "nodes nq"], duration: ArrayLike, weights: Arra
         duration: time [s] that the path takes.
         weights: one for all or (nq,).
     """
-    return Cost(_Tracking(jnp.asarray(q), jnp.asarray(duration), jnp.asarray(weights)), name="tracking")
+    return Cost(_Tracking(*(jnp.asarray(each, float) for each in (q, duration, weights))), name="tracking")
 
 
 def manipulability(body: str, point: Vector = (0.0, 0.0, 0.0), weight: ArrayLike = 1.0) -> Cost:
@@ -90,7 +90,7 @@ def manipulability(body: str, point: Vector = (0.0, 0.0, 0.0), weight: ArrayLike
         point: in the body's frame.
         weight: factor.
     """
-    return Cost(_Manipulability(jnp.asarray(point), body), weight, name=f"manipulability of {body}")
+    return Cost(_Manipulability(jnp.asarray(point, float), body), weight, name=f"manipulability of {body}")
 
 
 def _end_time(model: Any, at: Moment) -> Float[Array, ""]:
@@ -116,7 +116,7 @@ class _Tracking(eqx.Module):
         last = len(self.q) - 1
         place = jnp.clip(at.t / self.duration * last, 0.0, last)
         left = jnp.clip(jnp.floor(place).astype(int), 0, last - 1)
-        share = place - left
+        share = place - left.astype(place.dtype)
         wanted = (1.0 - share) * self.q[left] + share * self.q[left + 1]
         return jnp.sum(self.weights * (at.q - wanted) ** 2)
 

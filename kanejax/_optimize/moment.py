@@ -60,7 +60,7 @@ class Cost(eqx.Module):
         needs: tuple[str, ...] = (),
     ) -> None:
         """Store the term; its name is the function's unless given."""
-        self.function, self.weight = function, jnp.asarray(weight)
+        self.function, self.weight = function, jnp.asarray(weight, float)
         self.name = getattr(function, "__name__", type(function).__name__) if name is None else name
         self.at_end, self.needs = at_end, _checked_needs(needs)
 
@@ -97,7 +97,7 @@ class Constraint(eqx.Module):
         needs: tuple[str, ...] = (),
     ) -> None:
         """Store the constraint, function <= 0 by default; its name is the function's unless given."""
-        self.function, self.lower, self.upper = function, jnp.asarray(lower), jnp.asarray(upper)
+        self.function, self.lower, self.upper = function, jnp.asarray(lower, float), jnp.asarray(upper, float)
         self.name = getattr(function, "__name__", type(function).__name__) if name is None else name
         self.at_end, self.needs = at_end, _checked_needs(needs)
 

@@ -111,9 +111,10 @@ class MotionTask(eqx.Module):
         self.model = model
         self.start, self.goal = (_boundary(model, name, given) for name, given in (("start", start), ("goal", goal)))
         self.duration, self.is_free_in_time = _duration(duration, model.dtype), isinstance(duration, tuple)
-        self.limits = Limits(model) if limits is None else limits
-        self.costs = (costs,) if isinstance(costs, Cost) else tuple(costs)
-        self.constraints = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)
+        self.limits = _in_dtype(Limits(model) if limits is None else limits, model.dtype)
+        self.costs = _in_dtype((costs,) if isinstance(costs, Cost) else tuple(costs), model.dtype)
+        constraints = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)
+        self.constraints = _in_dtype(constraints, model.dtype)
         self.steps, self.substeps, self.dynamics = int(steps), int(substeps), dynamics
         self.integrator = integrator if integrator is not None else "midpoint" if dynamics == "inverse" else "rk4"
 
@@ -152,7 +153,12 @@ def _boundary(model: Model, name: str, given: Any) -> Boundary:
         u = jnp.broadcast_to(u, (model.nv,)) if jnp.shape(u) == () else u
         _check_shape(f"{name}.u", u, (model.nv,), "nv")
         u = u.astype(model.dtype)
-    return Boundary(q, u, boundary.constraints)
+    return Boundary(q, u, _in_dtype(boundary.constraints, model.dtype))
+
+
+def _in_dtype(tree: Any, dtype: jnp.dtype) -> Any:
+    """The data type follows the model's."""
+    return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf, tree)
 
 
 def _check_shape(name: str, value: jax.Array, shape: tuple[int, ...], size: str) -> None:

@@ -103,15 +103,17 @@ class Deviation(NamedTuple):
     u: Float[np.ndarray, "nodes nv"]
 
 
-def replayed(model: Model, motion: OptimalMotion, control: Any = None, *, rtol: float = 1e-8, atol: float = 1e-9) -> Deviation:
+def replayed(
+    model: Model, motion: OptimalMotion, control: Any = None, *, rtol: float | None = None, atol: float | None = None
+) -> Deviation:
     """Simulate a motion's forces by diffrax, with tight tolerances, from its first state.
 
     Args:
         model: of the robot, which may differ from the one that the motion was made for.
         motion: whose forces are applied, each during its step.
         control: such as `tracking(model, motion)`, in place of the forces alone.
-        rtol: relative tolerance.
-        atol: absolute tolerance.
+        rtol: relative tolerance, by default 1e-8 (float32: 1e-5).
+        atol: absolute tolerance, by default a tenth of it.
 
     Raises:
         SimulationError: it does not reach its end.
@@ -123,6 +125,8 @@ def replayed(model: Model, motion: OptimalMotion, control: Any = None, *, rtol: 
 
     values = jnp.concatenate((motion.tau, motion.tau[-1:]))
     control = TorqueTable(motion.ts, values, "hold") if control is None else control
+    rtol = (1e-8 if motion.q.dtype == jnp.float64 else 1e-5) if rtol is None else rtol
+    atol = 0.1 * rtol if atol is None else atol
     # Forces jump at the nodes.
     controller = diffrax.ClipStepSizeController(diffrax.PIDController(rtol=rtol, atol=atol), jump_ts=motion.ts)
     options = {"control": control, "stepsize_controller": controller, "max_steps": 100_000, "throw": True}
@@ -157,7 +161,7 @@ def replayed_by_mujoco(model: Model, motion: OptimalMotion, control: Any = None,
             else:
                 t = (k + i / substeps) * float(motion.duration) / len(motion.tau)
                 # A Python number would compile again at every step.
-                data.qfrc_applied[:] = forces(jnp.asarray(t), jnp.asarray(data.qpos), jnp.asarray(data.qvel))
+                data.qfrc_applied[:] = forces(*(jnp.asarray(each, motion.q.dtype) for each in (t, data.qpos, data.qvel)))
             mujoco.mj_step(mj, data)
         states.append((data.qpos.copy(), data.qvel.copy()))
     q, u = (np.array(each) for each in zip(*states, strict=True))
