@@ -96,7 +96,6 @@ class Search(NamedTuple):
         most_violation: sum of violations above which no step is accepted.
         filter: pairs of violation and barrier function, which a new point has to be better than in one.
         filtered: how many there are.
-        gains: of the controls by the states, in the last step.
         iterations: so far.
         result: a `Result`.
     """
@@ -111,7 +110,6 @@ class Search(NamedTuple):
     most_violation: Float[Array, ""]
     filter: Float[Array, "n 2"]
     filtered: Int[Array, ""]
-    gains: Float[Array, "N nw nx"]
     iterations: Int[Array, ""]
     result: Int[Array, ""]
 
@@ -153,7 +151,6 @@ def first_search(stages: AbstractStages, guess: Path) -> Search:
         most_violation=-jnp.ones((), dtype),
         filter=jnp.zeros((_FILTER, 2), dtype),
         filtered=jnp.zeros((), jnp.int32),
-        gains=jnp.zeros((len(guess.w), guess.w.shape[1], guess.x.shape[1]), dtype),
         iterations=jnp.zeros((), jnp.int32),
         result=jnp.where(fine, int(Result.RUNNING), int(Result.NON_FINITE)).astype(jnp.int32),
     )
@@ -193,7 +190,6 @@ def _iteration(stages: AbstractStages, search: Search, tolerance: jax.Array) -> 
         extra=jnp.where(accepted, zero, jnp.maximum(extra * 10.0, _FIRST_CURVATURE)),
         last_extra=jnp.where(extra > 0, extra, search.last_extra),
         filtered=jnp.where(accepted, search.filtered, 0),
-        gains=step.gains,
         iterations=search.iterations + 1,
         result=result.astype(jnp.int32),
     )

@@ -8,6 +8,7 @@ import numpy as np
 from jax.core import Tracer
 
 from kanejax._errors import KanejaxError
+from kanejax._model.tree import SPEEDS
 from kanejax._optimal_control import barrier
 from kanejax._optimal_control.interior_point import Result, Search
 from kanejax._optimal_control.stages import Path, bounded, values
@@ -49,8 +50,8 @@ def check_task(task: MotionTask) -> None:
         pair, longest = np.asarray(limits.u)[:, rows_v], float(task.duration[1])
         reach = np.where(way > 0, pair[1], -pair[0]) * longest
         if np.any(np.abs(way) > reach * (1.0 + _ROUNDING)):
-            i = int(np.argmax(np.abs(way) / np.maximum(reach, 1e-300)))
-            least = abs(way[i]) / reach[i] * longest
+            i = int(np.argmax(np.abs(way) / np.maximum(reach, np.finfo(float).tiny)))
+            least = abs(way[i]) * longest / max(reach[i], np.finfo(float).tiny)
             raise InfeasibleTaskError(
                 f"from start to goal joint {names[rows_v[i]]!r} moves by {way[i]:g}, which takes at least {least:g} s at its "
                 f"greatest speed, but the duration is at most {longest:g} s"
@@ -74,8 +75,7 @@ def _array(limits: Any) -> np.ndarray | None:
 
 def _joint_names(task: MotionTask) -> list[str]:
     tree = task.model.tree
-    counts = {"revolute": 1, "prismatic": 1, "ball": 3, "free": 6}
-    return [name for name, kind in zip(tree.joint_names, tree.joint_types, strict=True) for _ in range(counts[kind])]
+    return [name for name, kind in zip(tree.joint_names, tree.joint_types, strict=True) for _ in range(SPEEDS[kind])]
 
 
 def check_finite(stages: MotionStages, path: Path) -> None:

@@ -1,7 +1,7 @@
 """Optimal motions, by the interior-point method."""
 
 from collections.abc import Callable
-from typing import Any, final
+from typing import final
 
 import equinox as eqx
 import jax
@@ -41,11 +41,8 @@ class Guess(eqx.Module):
 def straight_guess(task: MotionTask) -> Guess:
     """Straight from the start to the goal: states between theirs, no accelerations, no forces."""
     model, steps = task.model, task.steps
-    start, goal = _known(task.start.q, model), _known(task.goal.q, task.model)
-    if task.start.q is None:
-        start = goal
-    if task.goal.q is None:
-        goal = start
+    known = [each for each in (task.start.q, task.goal.q) if each is not None] or [model.coordinate_reference]
+    start, goal = known[0], known[-1]
     share = jnp.linspace(0.0, 1.0, steps + 1, dtype=model.dtype)[:, None]
     whole = displacement(model.tree, start, goal)
     q = jax.vmap(lambda part: displaced(model.tree, start, part * whole))(share[:, 0])
@@ -54,10 +51,6 @@ def straight_guess(task: MotionTask) -> Guess:
     u = (1.0 - share) * first[None] + share * last[None]
     none = jnp.zeros((steps, model.nv), model.dtype)
     return Guess(q, u, none, none, 0.5 * (task.duration[0] + task.duration[1]))
-
-
-def _known(q: Any, model: Any) -> jax.Array:
-    return model.coordinate_reference if q is None else q
 
 
 def first_path(stages: MotionStages, guess: Guess | OptimalMotion) -> Path:

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from kanejax._dynamics.equations_of_motion import forward_dynamics, inverse_dynamics
 from kanejax._kinematics.coordinate_rates import coordinate_rates
+from kanejax._model.tree import SPEEDS
 from kanejax._optimal_control.stages import AbstractStages, Bounds, FinalValues, Path, StageValues
 from kanejax._optimize.displacement import displaced, displacement
 from kanejax._optimize.moment import Constraint, Cost, Moment
@@ -106,7 +107,7 @@ class MotionStages(AbstractStages):
         task, tree = self.task, self.task.model.tree
         joints = [""] * task.model.nv
         for name, v, kind in zip(tree.joint_names, tree.v_start, tree.joint_types, strict=True):
-            count = {"revolute": 1, "prismatic": 1, "ball": 3, "free": 6}[kind]
+            count = SPEEDS[kind]
             joints[v : v + count] = [name if count == 1 else f"{name}[{i}]" for i in range(count)]
         of_nodes = [f"{what} of {joint}" for what in ("coordinate", "speed", *self.task.remembers) for joint in joints]
         of_nodes += ["duration"] * self.task.is_free_in_time
