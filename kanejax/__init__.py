@@ -113,12 +113,14 @@ if _typing.TYPE_CHECKING:
         NonFiniteTaskError as NonFiniteTaskError,
     )
     from kanejax._optimize.limits import Limits as Limits
+    from kanejax._optimize.many import optimize_batch as optimize_batch
     from kanejax._optimize.moment import Constraint as Constraint, Cost as Cost, Moment as Moment
     from kanejax._optimize.motion import OptimalMotion as OptimalMotion
     from kanejax._optimize.optimize import (
         Guess as Guess,
         OptimizationError as OptimizationError,
         OptimizationInterrupted as OptimizationInterrupted,
+        SolverNotInstalledError as SolverNotInstalledError,
         optimal_motion as optimal_motion,
         optimize as optimize,
         straight_guess as straight_guess,
@@ -180,11 +182,13 @@ else:
         "_optimize.feasibility": ("InfeasibleTaskError", "NonFiniteTaskError"),
         "_optimize.limits": ("Limits",),
         "_optimize.moment": ("Constraint", "Cost", "Moment"),
+        "_optimize.many": ("optimize_batch",),
         "_optimize.motion": ("OptimalMotion",),
         "_optimize.optimize": (
             "Guess",
             "OptimizationError",
             "OptimizationInterrupted",
+            "SolverNotInstalledError",
             "optimal_motion",
             "optimize",
             "straight_guess",

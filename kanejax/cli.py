@@ -1,4 +1,4 @@
-"""The command `kanejax`: look at a robot, validate it, simulate it, identify it.
+"""The command `kanejax`: look at a robot, validate it, simulate it, identify it, find its optimal motions.
 
 Exit codes: 0 all is well; 1 a tolerance is exceeded, a trajectory failed, or a fit did not converge; 2 the input or the usage is
 wrong; 130 interrupted.
@@ -14,6 +14,7 @@ import typer
 from rich.text import Text
 
 from kanejax._cli.identify import identify
+from kanejax._cli.optimize import optimize
 from kanejax._cli.terminal import (
     BAD_INPUT,
     EXIT_CODES,
@@ -39,7 +40,7 @@ from kanejax._cli.terminal import (
 from kanejax._errors import KanejaxError
 
 app = typer.Typer(
-    help="Rigid-body dynamics of robots by Kane's method: inspect, validate, simulate and identify URDF and MJCF files.",
+    help="Rigid-body dynamics of robots by Kane's method: inspect, validate, simulate, identify and optimize.",
     epilog=EXIT_CODES,
     no_args_is_help=True,
     add_completion=False,
@@ -192,6 +193,7 @@ def simulate(
 
 
 app.command(epilog=EXIT_CODES)(identify)
+app.command(epilog=EXIT_CODES)(optimize)
 
 
 if __name__ == "__main__":

@@ -8,12 +8,14 @@ import sys
 import kanejax
 
 PACKAGE = pathlib.Path(kanejax.__file__).parent
+MODEL = {"_types", "_model", "_evaluate", "_dynamics", "_kinematics"}
 # What each part may import, besides itself.
 BELOW = {
     "_errors": set(),
     "_types": set(),
     "_scalar": {"_types"},
     "_sharding": set(),
+    "_lanes": set(),
     "_kernels": set(),
     "_batching": {"_kernels", "_sharding"},
     "_expressions": set(),
@@ -24,17 +26,19 @@ BELOW = {
     "_evaluate": {"_batching", "_model"},
     "_kinematics": {"_types", "_scalar", "_model", "_recursion", "_evaluate"},
     "_dynamics": {"_types", "_scalar", "_model", "_recursion", "_evaluate", "_kinematics"},
-    "_simulate": {"_types", "_scalar", "_model", "_recursion", "_evaluate", "_kinematics", "_dynamics", "_errors"},
+    "_simulate": {"_types", "_scalar", "_model", "_recursion", "_evaluate", "_kinematics", "_dynamics", "_lanes", "_errors"},
     "_logs": {"_model", "_errors"},
     "_parameters": {"_types", "_scalar", "_model", "_evaluate", "_dynamics", "_errors"},
     "_regression": {"_logs", "_parameters", "_model", "_evaluate", "_dynamics", "_errors"},
     "_excitation": {"_regression", "_types", "_model", "_evaluate", "_dynamics", "_errors"},
     "_simulation_fit": {"_logs", "_parameters", "_regression", "_model", "_dynamics", "_simulate", "_errors"},
     "_optimal_control": set(),
-    "_optimize": {"_optimal_control", "_model", "_dynamics", "_kinematics", "_simulate", "_io", "_errors"},
+    "_optimize": {"_optimal_control"} | MODEL | {"_simulate", "_lanes", "_io", "_errors"},
     "costs": {"_optimize", "_kinematics"},
     "constraints": {"_optimize", "_kinematics"},
-    "_identify": {"_logs", "_parameters", "_regression", "_simulation_fit", "_model", "_errors"},
+    "_toml": {"_errors"},
+    "_identify": {"_logs", "_parameters", "_regression", "_simulation_fit", "_model", "_toml", "_errors"},
+    "_motion_task": {"_optimize", "costs", "constraints", "_identify", "_model", "_kinematics", "_io", "_toml", "_errors"},
 }
 
 
@@ -62,7 +66,19 @@ def run(program: str) -> None:
 
 
 def test_import_is_light():
-    heavy = {"mujoco", "diffrax", "optimistix", "lineax", "rich", "typer", "scipy.signal", "optax", "matplotlib", "jinja2"}
+    heavy = {
+        "mujoco",
+        "diffrax",
+        "optimistix",
+        "lineax",
+        "rich",
+        "typer",
+        "scipy.signal",
+        "optax",
+        "matplotlib",
+        "jinja2",
+        "cyipopt",
+    }
     run(f"import sys, kanejax; assert not {heavy} & set(sys.modules)")
 
 

@@ -1,84 +1,71 @@
 """Optimal motions: the reference problems from a straight line of states and no forces, and from many other guesses.
 
-Swing-ups hold the force during each of 50 steps and take four steps of Runge and Kutta's method in it; the Panda takes steps of the
-semi-implicit method of Euler: so costs can be compared with those of CasADi and IPOPT (3.14.19) on the same transcription, which
-come from another machine. Costs are h times the sum of the squared forces.
+The peers get the same transcriptions and guesses: CasADi and IPOPT, and Crocoddyl's FDDP where it can be put to a task. They run by
+the interpreter that KANEJAX_OPTIMIZATION_PYTHON names; without, costs are compared with those that they found before.
 """
 
 import functools
+import json
+import os
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import kanejax as kj
-from experiments.benchmarks.harness import Candidate, Table, at_most, compare, effort, report
-from experiments.benchmarks.identification import panda
+from experiments.benchmarks.harness import ROOT, Candidate, Table, at_most, compare, effort, report
+from experiments.benchmarks.optimization_problems import BATCH, Batch, Problem, batches, exported, problems
 
 STARTS, BEND = 64, 2.0
-# Relative to the reference.
-TARGET = 1e-3
-PENDULUM = """<mujoco><worldbody><body><joint name="hinge" axis="0 1 0" damping=".1"/>
-  <inertial pos="0 0 -1" mass="1" diaginertia="1e-9 1e-9 1e-9"/></body></worldbody></mujoco>"""
-CART_POLE = """<mujoco><worldbody><body><joint name="slide" type="slide" axis="1 0 0" range="-2 2" limited="true"/>
-  <inertial pos="0 0 0" mass="1" diaginertia="1e-9 1e-9 1e-9"/>
-  <body><joint name="hinge" axis="0 -1 0"/><inertial pos="0 0 -.5" mass=".3" diaginertia="1e-9 1e-9 1e-9"/></body>
-  </body></worldbody></mujoco>"""
-START, GOAL = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), (1.2, 0.4, -0.6, -1.4, 0.5, 2.2, -0.5)
-
-
-class Problem(NamedTuple):
-    """A task, the cost that CasADi and IPOPT find from the same guess, and the best cost known, if others found them."""
-
-    name: str
-    task: kj.MotionTask
-    reference: float | None
-    best: float | None
-
-
-def problems() -> list[Problem]:
-    """The reference problems."""
-    swing = {"dynamics": "forward", "substeps": 4}
-    pendulum, cart, arm = kj.load(PENDULUM), kj.load(CART_POLE), panda().model
-    limits = kj.Limits(arm, u=np.array([2.175] * 4 + [2.61] * 3), tau=np.array([87.0] * 4 + [12.0] * 3))
-    reach = functools.partial(kj.MotionTask, arm, np.array(START), np.array(GOAL), limits=limits)
-    upright = kj.MotionTask(
-        pendulum, [0.0], [np.pi], 4.0, kj.costs.torque(), limits=kj.Limits(pendulum, q=10.0, u=20.0, tau=5.0), **swing
-    )
-    aside = kj.MotionTask(
-        cart, [0.0, 0.0], [1.0, np.pi], 2.0, kj.costs.torque(), limits=kj.Limits(cart, tau=20.0, passive=("hinge",)), **swing
-    )
-    return [
-        Problem("pendulum", upright, 41.142, 29.409),
-        Problem("cart-pole", aside, 59.130, 58.339),
-        Problem("Panda, 1 s", reach(duration=1.0, costs=kj.costs.torque(), integrator="euler"), 903.698, None),
-        Problem(
-            "Panda, 1 s, forward dynamics",
-            reach(duration=1.0, costs=kj.costs.torque(), dynamics="forward", integrator="euler"),
-            903.698,
-            None,
-        ),
-        Problem("Panda, least time", reach(duration=(0.2, 3.0), costs=kj.costs.duration()), None, None),
-    ]
+SAMPLE, QUICK_SAMPLE = 32, 8
+# Relative to the reference: for costs, and for durations.
+TARGET, TARGET_OF_TIME = 1e-3, 1e-2
 
 
 def run(quick: bool) -> None:
     """Solve each problem from a straight line, and where there is a better optimum from bent lines too."""
     with jax.enable_x64(True):
-        rows = []
+        peer, details = peer_interpreter(), {}
+        ours, against, many = [], [], []
         for problem in problems():
-            rows.append(_from_a_line(problem, quick))
+            found, timing = _from_a_line(problem, quick)
+            ours.append(_row(problem, found, timing))
             if problem.best is not None and not quick:
-                rows.append(_from_many(problem))
-    headers = ("", "cost", "CasADi + IPOPT", "converged", "iterations", "ms, once compiled", "first call, s", "target")
-    report("optimization", [Table("Optimal motions, 50 steps, tolerance 1e-8, float64", headers, rows)], {})
+                ours.append(_from_many(problem))
+            if peer is not None:
+                told = details[problem.name] = _by_peers(peer, {"task": exported(problem.task), "repeats": 3 if quick else 7})
+                against.append(_beside(problem, found, timing.median, told))
+        if peer is not None:
+            for each in batches():
+                row, details[f"batch, {each.name}"] = batch(each, peer, quick)
+                many.append(row)
+    tables = [Table("Optimal motions, 50 steps, tolerance 1e-8, float64", HEADERS, ours)]
+    if peer is not None:
+        tables.append(Table("The same beside CasADi + IPOPT and Crocoddyl's FDDP (one thread or two, the faster)", BESIDE, against))
+        tables.append(Table(f"The first {QUICK_SAMPLE if quick else SAMPLE} of {BATCH} tasks, one after another", OF_BATCHES, many))
+    report("optimization", tables, details)
 
 
-def _from_a_line(problem: Problem, quick: bool) -> tuple:
-    solve = jax.jit(lambda task: kj.optimal_motion(task))
+HEADERS = ("", "cost", "reference", "converged", "iterations", "ms, once compiled", "first call, s", "target")
+BESIDE = (
+    *("", "cost", "IPOPT", "FDDP", "FDDP's violation", "iterations", "IPOPT", "FDDP", "ms", "IPOPT", "FDDP"),
+    *("times faster than IPOPT", "ms an iteration", "IPOPT", "FDDP", "target for the cost", "target for an iteration"),
+)
+OF_BATCHES = (
+    *("", "ms a task", "converged", "iterations", "IPOPT", "converged", "iterations"),
+    *("same cost", "lower", "higher", "FDDP", "converged"),
+)
+
+
+def _from_a_line(problem: Problem, quick: bool) -> tuple[kj.OptimalMotion, Any]:
+    solve = eqx.filter_jit(lambda task: kj.optimal_motion(task))
     motion: list[kj.OptimalMotion] = []
 
     def once() -> kj.OptimalMotion:
@@ -86,10 +73,72 @@ def _from_a_line(problem: Problem, quick: bool) -> tuple:
         return motion[0]
 
     timing = compare([Candidate(problem.name, once)], effort(quick))[problem.name]
-    (found,) = motion
-    verdict = "" if problem.reference is None else at_most(float(found.cost), problem.reference * (1.0 + TARGET))
+    return motion[0], timing
+
+
+def _row(problem: Problem, found: kj.OptimalMotion, timing: Any) -> tuple:
+    verdict = at_most(_counted(found), problem.reference * (1.0 + _room(problem)))
     numbers = int(found.iterations), 1e3 * timing.median, timing.first_call
-    return (problem.name, float(found.cost), problem.reference or "", bool(found.converged), *numbers, verdict)
+    return (problem.name, float(found.cost), problem.reference, bool(found.converged), *numbers, verdict)
+
+
+def _beside(problem: Problem, found: kj.OptimalMotion, seconds: float, told: dict) -> tuple:
+    """Numbers of the peers beside ours, and the verdicts."""
+    cost, iterations = float(found.cost), int(found.iterations)
+    good = [each for each in told["ipopt"] if each["converged"]]
+    ipopt = min(good or told["ipopt"], key=lambda each: each["seconds"])
+    fddp = None if told["crocoddyl"] is None else min(told["crocoddyl"], key=lambda each: each["seconds"])
+    each_iteration = [None if one is None else 1e3 * one["seconds"] / one["iterations"] for one in (ipopt, fddp)]
+    own = 1e3 * seconds / iterations
+    values = [("" if fddp is None else fddp[name]) for name in ("cost", "violation", "iterations")]
+    of_cost = at_most(_counted(found), ipopt["cost"] * (1.0 + _room(problem))) if good else "IPOPT fails"
+    return (
+        *(problem.name, cost, ipopt["cost"], values[0], values[1], iterations, ipopt["iterations"], values[2]),
+        *(1e3 * seconds, 1e3 * ipopt["seconds"], "" if fddp is None else 1e3 * fddp["seconds"], ipopt["seconds"] / seconds),
+        *(own, each_iteration[0], each_iteration[1] or "", of_cost),
+        "" if each_iteration[1] is None else at_most(own, each_iteration[1]),
+    )
+
+
+def _counted(found: kj.OptimalMotion) -> float:
+    """The cost, if it is that of a motion."""
+    return float(found.cost) if found.converged else float("inf")
+
+
+def _room(problem: Problem) -> float:
+    return TARGET_OF_TIME if problem.task.is_free_in_time else TARGET
+
+
+def batch(each: Batch, peer: str, quick: bool) -> tuple[tuple, dict]:
+    """A sample of many tasks, one after another, as the peers do it too."""
+    tasks = each.rows(QUICK_SAMPLE if quick else SAMPLE)
+    told = _by_peers(peer, {"tasks": [exported(task) for task in tasks]})
+    solve = eqx.filter_jit(lambda task: kj.optimal_motion(task))
+    jax.block_until_ready(solve(tasks[0]))
+    ours = [_timed(functools.partial(solve, task)) for task in tasks]
+    own: dict[str, Any] = {"seconds": [seconds for seconds, _ in ours]}
+    own |= {name: [getattr(found, name).item() for _, found in ours] for name in ("cost", "converged", "iterations")}
+    row = each.name, *_means(own), *_means(told["ipopt"]), *_compared(own, told["ipopt"]), *_of_fddp(told)
+    return row, {"kanejax": own, **told}
+
+
+def _means(solved: dict[str, Any]) -> tuple[Any, ...]:
+    converged = f"{sum(solved['converged'])} of {len(solved['converged'])}"
+    return 1e3 * float(np.mean(solved["seconds"])), converged, float(np.mean(solved["iterations"]))
+
+
+def _compared(own: dict[str, Any], other: dict[str, Any]) -> tuple[int, int, int]:
+    """Of the tasks on which both converge, on how many the cost is the same, lower and higher."""
+    both = np.array(own["converged"]) & np.array(other["converged"])
+    excess = (np.array(own["cost"]) / np.array(other["cost"]) - 1.0)[both]
+    return int(np.sum(np.abs(excess) <= TARGET)), int(np.sum(excess < -TARGET)), int(np.sum(excess > TARGET))
+
+
+def _of_fddp(told: dict[str, Any]) -> tuple[Any, Any]:
+    if told["crocoddyl"] is None:
+        return "", ""
+    names = ("seconds", "converged", "iterations")
+    return _means({name: [one[name] for one in told["crocoddyl"]] for name in names})[:2]
 
 
 def _from_many(problem: Problem) -> tuple:
@@ -119,3 +168,26 @@ def _timed(function: Callable[[], kj.OptimalMotion]) -> tuple[float, kj.OptimalM
     begin = time.perf_counter()
     found = jax.block_until_ready(function())
     return time.perf_counter() - begin, found
+
+
+def peer_interpreter() -> str | None:
+    """The interpreter that has the peers, or None with a word about it."""
+    python = os.environ.get("KANEJAX_OPTIMIZATION_PYTHON")
+    if python is None:
+        print("the peers are not measured: set KANEJAX_OPTIMIZATION_PYTHON to a python with casadi, crocoddyl and pin")
+        return None
+    done = subprocess.run([python, "-c", "import casadi, crocoddyl, pinocchio"], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"KANEJAX_OPTIMIZATION_PYTHON is {python}, which has not all of the peers:\n{done.stderr[-2000:]}")
+    return python
+
+
+def _by_peers(python: str, asked: dict) -> dict:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "asked.json"
+        path.write_text(json.dumps(asked))
+        command = [str(Path(python).absolute()), "-m", "experiments.benchmarks.optimization_peers", str(path)]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"the peers failed:\n{done.stderr[-4000:]}")
+    return json.loads(done.stdout.splitlines()[-1])

@@ -20,6 +20,7 @@ from kanejax._cli.terminal import (
     Unphysical,
     complain,
     console,
+    logbook,
     one_line_errors,
     spinner,
     use_compilation_cache,
@@ -87,7 +88,7 @@ def identify(
                 inputs = read_inputs(robot, logs, held_out, config, repair=repair, strict=strict, allow_unphysical=allow_unphysical)
             _check_packages(inputs)
             out.mkdir(parents=True, exist_ok=True)
-            say = _logbook(out / LOG_NAME)
+            say = logbook(out / LOG_NAME)
             files = {"Robot": robot, "Logs": _listed(logs), "Held-out logs": _listed(held_out), "Configuration": str(config or "")}
             files = {kind: listed for kind, listed in files.items() if listed}
             for line in (*(f"{kind}: {listed}" for kind, listed in files.items()), *inputs.notes):
@@ -186,16 +187,6 @@ def _check_packages(inputs: "Inputs") -> None:
 
 def _listed(paths: list[Path]) -> str:
     return ", ".join(map(str, paths))
-
-
-def _logbook(path: Path) -> Callable[[str], None]:
-    """Write lines with the time to a file, after those of earlier runs."""
-
-    def say(sentence: str) -> None:
-        with path.open("a", encoding="utf-8") as file:
-            print(time.strftime("%Y-%m-%d %H:%M:%S"), " ".join(sentence.split()), file=file)
-
-    return say
 
 
 def _print_findings(table: Any, findings: Any, sentences: list[str], written: list[Path]) -> None:

@@ -1,14 +1,11 @@
 """What an identification on the command line starts from: the robot, the recordings, and the configuration."""
 
 import dataclasses
-import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
-import numpy as np
-
+from kanejax._cli.fingerprint import fingerprint_of
 from kanejax._cli.terminal import load
 from kanejax._errors import KanejaxError
 from kanejax._identify.configuration import Configuration, ConfigurationError, configured_plant, read_configuration
@@ -90,7 +87,7 @@ def read_inputs(robot: str, logs: Sequence[Path], validation: Sequence[Path], co
     differences = (*report.ignored, *report.unmodelled, *report.repaired)
     notes = (*differences, *training.notes, *(held_out.notes if held_out else ()), *of_motions)
     choices = (unknowns, sorted((key, value) for key, value in options.items() if key != "stages"))
-    fingerprint = _fingerprint(choices, plant, fitted, kept)
+    fingerprint = fingerprint_of(choices, plant, fitted, kept)
     return Inputs(report, plant, fitted, kept, unknowns, options, configuration.output, tuple(dict.fromkeys(notes)), fingerprint)
 
 
@@ -103,15 +100,3 @@ def _log(paths: Sequence[Path], configuration: Configuration, rows: Any, plant: 
     if len(paths) == 1 and rows and isinstance(rows[0], tuple):
         rows = rows[0]
     return read_log(path, joints, rows=rows, **configuration.log)
-
-
-def _fingerprint(choices: object, *trees: object) -> str:
-    """A hash of choices, which print the same whenever they are the same, and of all arrays and names."""
-    from kanejax import __version__
-
-    found = hashlib.sha256(repr((__version__, choices)).encode())
-    for leaf in jax.tree.leaves(trees):
-        array = np.asarray(leaf)
-        found.update(repr((array.dtype, array.shape)).encode() + array.tobytes())
-    found.update(str(jax.tree.structure(trees)).encode())
-    return found.hexdigest()

@@ -1,6 +1,5 @@
 """What `kanejax identify` writes and prints."""
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from kanejax._cli.inputs import Inputs
-from kanejax._cli.terminal import whole_file, write_arrays
+from kanejax._cli.terminal import whole_file, write_arrays, write_json
 from kanejax._errors import KanejaxError
 from kanejax._identify.report.numbers import percent
 from kanejax._identify.report.page import write_report
@@ -53,7 +52,7 @@ def write_results(
     ]
     if parsed_xml(file_content(robot), robot).tag == "robot":
         writers.append(("urdf", "identified.urdf", urdf))
-    _write_json(folder / JSON_NAME, record)
+    write_json(folder / JSON_NAME, record)
     written, problems = [folder / JSON_NAME], []
     for key, name, write in writers:
         if not inputs.output.get(key, True):
@@ -79,11 +78,6 @@ def error_table(identification: Identification) -> Table:
         cells = [percent(values[index]) for _, found in groups for values in (found.relative, found.nominal)]
         table.add_row(Text(name), *cells)
     return table
-
-
-def _write_json(path: Path, record: Mapping[str, Any]) -> None:
-    with whole_file(path) as partial:
-        partial.write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _series(identification: Identification) -> dict[str, np.ndarray]:

@@ -1,10 +1,12 @@
 """What the commands share: robots and files, errors of one line, exit codes, and the terminal."""
 
 import contextlib
+import json
 import os
 import sys
+import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -68,6 +70,22 @@ def write_arrays(path: Path, arrays: dict[str, Any]) -> None:
 
     with whole_file(path) as partial, partial.open("wb") as file:
         np.savez_compressed(file, **arrays)
+
+
+def write_json(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a JSON file."""
+    with whole_file(path) as partial:
+        partial.write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def logbook(path: Path) -> Callable[[str], None]:
+    """Write lines with the time to a file, after those of earlier runs."""
+
+    def say(sentence: str) -> None:
+        with path.open("a", encoding="utf-8") as file:
+            print(time.strftime("%Y-%m-%d %H:%M:%S"), " ".join(sentence.split()), file=file)
+
+    return say
 
 
 def check_writable(out: Path) -> None:

@@ -2,26 +2,21 @@
 
 import dataclasses
 import os
-import tomllib
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, NoReturn, final
+from typing import Any, final
 
 import numpy as np
 
 from kanejax._errors import KanejaxError
-from kanejax._identify.configuration_keys import KEYS, NUMBER, PRIORS, written
+from kanejax._identify.configuration_keys import KEYS, PRIORS
 from kanejax._logs.columns import Columns, Units
 from kanejax._model.model import Model
 from kanejax._parameters.plant import Drives, Plant
 from kanejax._parameters.priors import Gaussian, Prior
 from kanejax._parameters.unknowns import Unknown
+from kanejax._toml import NUMBER, ConfigurationError, checked, file_text, parsed_toml, refuse, written
 
 _TABLES = ("log", "motion", "locked", "drives", "unknown", "identify", "simulation", "output")
-
-
-class ConfigurationError(KanejaxError, ValueError):
-    """A configuration is no TOML, or has a key or a value that means nothing."""
 
 
 @final
@@ -59,10 +54,7 @@ def read_configuration(path: str | os.PathLike) -> Configuration:
         ConfigurationError: the file is no TOML, or a key or value in it means nothing; the message says what may stand there.
         OSError: the file cannot be read.
     """
-    try:
-        return parsed_configuration(Path(path).read_text(encoding="utf-8"), str(path))
-    except UnicodeDecodeError as error:
-        raise ConfigurationError(f"{path}: not a text in UTF-8: {error}") from error
+    return parsed_configuration(file_text(path), str(path))
 
 
 def parsed_configuration(text: str, origin: str = "configuration") -> Configuration:
@@ -71,16 +63,13 @@ def parsed_configuration(text: str, origin: str = "configuration") -> Configurat
     Raises:
         ConfigurationError: it is no TOML, or a key or value in it means nothing; the message says what may stand there.
     """
-    try:
-        values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError(f"{origin}: not TOML: {error}") from error
+    values = parsed_toml(text, origin)
     for name in values:
         if name not in _TABLES:
-            _refuse(origin, f"there is no table [{name}]; the tables are: {', '.join(_TABLES)}")
+            refuse(origin, f"there is no table [{name}]; the tables are: {', '.join(_TABLES)}")
     unknowns = values.get("unknown", [])
     if not isinstance(unknowns, list) or not all(isinstance(each, dict) for each in unknowns):
-        _refuse(origin, "'unknown' must be a list of tables, each of which begins with [[unknown]]")
+        refuse(origin, "'unknown' must be a list of tables, each of which begins with [[unknown]]")
     log = _checked(origin, "log", values)
     joints, rows, validation_rows = (log.pop(key, None) for key in ("joints", "rows", "validation_rows"))
     for key, form in (("columns", Columns), ("units", Units)):
@@ -131,22 +120,16 @@ def _checked(origin: str, name: str, values: Mapping[str, Any], label: str | Non
     """The table of this name, or an empty one, with keys and values that mean something."""
     table, label = values.get(name, {}), label or f"[{name}]"
     if not isinstance(table, dict):
-        _refuse(origin, f"{name!r} must be a table, which begins with [{name}]")
-    keys = KEYS[name]
-    for key, value in table.items():
-        if key not in keys:
-            _refuse(origin, f"{label} has no key {key!r}; the keys are: {', '.join(keys)}")
-        if not keys[key].accepts(value):
-            _refuse(origin, f"{label} {key} is {written(value)}; it must be {keys[key].words}")
-    return {key: keys[key].made(value) for key, value in table.items()}
+        refuse(origin, f"{name!r} must be a table, which begins with [{name}]")
+    return checked(origin, label, table, KEYS[name])
 
 
 def _numbers_by_joint(origin: str, table: Any) -> dict[str, float]:
     if not isinstance(table, dict):
-        _refuse(origin, "'locked' must be a table, which begins with [locked]")
+        refuse(origin, "'locked' must be a table, which begins with [locked]")
     for joint, value in table.items():
         if not NUMBER.accepts(value):
-            _refuse(origin, f"[locked] {joint} is {written(value)}; it must be a number: where the joint is held [rad or m]")
+            refuse(origin, f"[locked] {joint} is {written(value)}; it must be a number: where the joint is held [rad or m]")
     return {joint: float(value) for joint, value in table.items()}
 
 
@@ -154,7 +137,7 @@ def _unknown(origin: str, number: int, table: dict[str, Any]) -> Unknown | str:
     label = f"[[unknown]] {number}"
     options = _checked(origin, "unknown", {"unknown": table}, label)
     if "leaf" not in options:
-        _refuse(origin, f'{label} has no leaf; say what is sought, such as leaf = "damping"')
+        refuse(origin, f'{label} has no leaf; say what is sought, such as leaf = "damping"')
     try:
         if "prior" in options:
             options["prior"] = _prior(origin, label, options["prior"])
@@ -170,14 +153,10 @@ def _prior(origin: str, label: str, table: dict[str, Any]) -> Prior:
     options = _checked(origin, "prior", {"prior": table}, f"{label} prior")
     relative = options.pop("relative", False)
     if len(options) != 1:
-        _refuse(origin, f"{label} prior needs one of {', '.join(PRIORS)}, such as prior = {{ gaussian = 0.1 }}")
+        refuse(origin, f"{label} prior needs one of {', '.join(PRIORS)}, such as prior = {{ gaussian = 0.1 }}")
     ((kind, std),) = options.items()
     if kind == "gaussian":
         return Gaussian(std, relative)
     if relative or isinstance(std, tuple):
-        _refuse(origin, f"{label} prior: {kind} takes one number, its standard deviation, and nothing else")
+        refuse(origin, f"{label} prior: {kind} takes one number, its standard deviation, and nothing else")
     return PRIORS[kind](std)
-
-
-def _refuse(origin: str, problem: str) -> NoReturn:
-    raise ConfigurationError(f"{origin}: {problem}")

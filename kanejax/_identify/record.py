@@ -33,7 +33,7 @@ def identification_record(identification: Identification, details: Mapping[str, 
     tree = identification.plant.model.tree
     record = {
         **dict(details or {}),
-        "versions": {"python": platform.python_version(), **_versions()},
+        "versions": versions(),
         "units": _UNITS,
         "converged": identification.converged,
         "stages": [stage._asdict() for stage in identification.stages],
@@ -52,7 +52,7 @@ def identification_record(identification: Identification, details: Mapping[str, 
         "nominal": _leaves(identification.nominal),
         "identified": _leaves(identification.plant),
     }
-    return _plain(record)
+    return plain(record)
 
 
 def _run(comparison: Comparison, use: str) -> dict[str, Any]:
@@ -77,19 +77,21 @@ def _has_arrays(value: Any) -> bool:
     return isinstance(value, eqx.Module) or eqx.is_array(value)
 
 
-def _versions() -> dict[str, str]:
-    return {package: importlib.metadata.version(package) for package in _PACKAGES}
+def versions() -> dict[str, str]:
+    """Of Python and what computes."""
+    return {"python": platform.python_version()} | {package: importlib.metadata.version(package) for package in _PACKAGES}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Dictionaries, lists, numbers and text of anything that is made of them and of arrays; None for numbers that JSON lacks."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, str | bool | int) or value is None:
         return value
     array = np.asarray(value)
     if array.ndim:
-        return [_plain(item) for item in array]
+        return [plain(item) for item in array]
     number = array.item()
     return number if not isinstance(number, float) or math.isfinite(number) else None

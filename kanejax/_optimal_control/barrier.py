@@ -93,6 +93,16 @@ def kept_near(slacks: Slacks, mu: jax.Array) -> Slacks:
     return slacks._replace(z=jnp.where(slacks.z > 0, jnp.clip(slacks.z, nearest / _NEAR, nearest * _NEAR), slacks.z))
 
 
+def reset(before: Slacks, after: Slacks, y: jax.Array, bounds: jax.Array, fraction: jax.Array) -> Slacks:
+    """Slacks that are the distance to the bounds, unless that would shorten them by more than a fraction.
+
+    Newton's step makes them that only where y is linear (Waltz, Morales, Nocedal and Orban 2006, section 3.1).
+    """
+    distance = room(y, bounds)
+    near = is_limit(bounds) & (distance >= (1.0 - fraction) * before.s)
+    return after._replace(s=jnp.where(near, distance, after.s))
+
+
 def bent(rows: Float[Array, "n own"], weights: Float[Array, " own+n"]) -> Float[Array, "own own"]:
     """Curvature by states and controls from that by states, controls and rows."""
     own = rows.shape[1]

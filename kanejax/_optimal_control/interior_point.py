@@ -7,6 +7,7 @@ the shortest one that brings the stages closer together.
 """
 
 import enum
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -36,6 +37,8 @@ _BARRIER_ERROR, _BARRIER_FACTOR, _BARRIER_POWER, _TO_BOUNDARY = 10.0, 0.2, 1.5, 
 _LESS, _ARMIJO, _POWER, _POWER_VIOLATION = 1e-5, 1e-8, 2.3, 1.1
 _FIRST_CURVATURE, _LEAST_CURVATURE, _MOST_CURVATURE, _MORE, _LESS_CURVATURE = 1e-4, 1e-10, 1e12, 8.0, 3.0
 _HALVINGS, _FILTER = 12, 64
+# So many iterations at most.
+_HELD = 30
 _SLOPE_OF_COST = 100.0
 
 
@@ -52,6 +55,8 @@ class Result(enum.IntEnum):
     """All bounds and stages hold, but no step lowers the cost."""
     NON_FINITE = 4
     """Something is infinite or not a number at the guess."""
+    NOT_RUN = 5
+    """A batch was interrupted before it began."""
 
 
 class Point(NamedTuple):
@@ -93,6 +98,7 @@ class Search(NamedTuple):
         mu: the barrier's parameter.
         extra: curvature that is added next.
         last_extra: that helped last.
+        negative: iterations in a row in which it was needed, with the same barrier.
         most_violation: sum of violations above which no step is accepted.
         filter: pairs of violation and barrier function, which a new point has to be better than in one.
         filtered: how many there are.
@@ -107,6 +113,7 @@ class Search(NamedTuple):
     mu: Float[Array, ""]
     extra: Float[Array, ""]
     last_extra: Float[Array, ""]
+    negative: Int[Array, ""]
     most_violation: Float[Array, ""]
     filter: Float[Array, "n 2"]
     filtered: Int[Array, ""]
@@ -114,7 +121,7 @@ class Search(NamedTuple):
     result: Int[Array, ""]
 
 
-class _Here(NamedTuple):
+class Here(NamedTuple):
     """What is known at a point: derivatives, what has bounds, and its bounds."""
 
     at: Derivatives
@@ -148,6 +155,7 @@ def first_search(stages: AbstractStages, guess: Path) -> Search:
         mu=mu,
         extra=zero,
         last_extra=jnp.asarray(_FIRST_CURVATURE, dtype),
+        negative=jnp.zeros((), jnp.int32),
         most_violation=-jnp.ones((), dtype),
         filter=jnp.zeros((_FILTER, 2), dtype),
         filtered=jnp.zeros((), jnp.int32),
@@ -170,9 +178,12 @@ def searched(stages: AbstractStages, search: Search, iterations: int | jax.Array
 def _iteration(stages: AbstractStages, search: Search, tolerance: jax.Array) -> Search:
     point = search.point
     here = _here(stages, search)
-    errors = _errors(here, point, jnp.zeros_like(search.mu))
-    mu = _next_barrier(here, point, search.mu, tolerance)
+    errors = errors_at(here, point)
+    # Near a saddle the barrier's problem seems solved, and with a lower barrier the way along its negative curvature is short.
+    held = (search.negative > 0) & (search.negative <= _HELD)
+    mu = jnp.where(held, search.mu, _next_barrier(here, point, errors, search.mu, tolerance))
     step, extra = _direction(here, search, mu)
+    again = jnp.where(mu == search.mu, search.negative + 1, 1)
     change = _change(here, point, step, mu)
     # A filter belongs to one barrier function.
     search = search._replace(errors=errors, mu=mu, filtered=jnp.where(mu == search.mu, search.filtered, 0))
@@ -189,41 +200,54 @@ def _iteration(stages: AbstractStages, search: Search, tolerance: jax.Array) -> 
         cost=_cost(here.at.values, here.at.final) / search.scale,
         extra=jnp.where(accepted, zero, jnp.maximum(extra * 10.0, _FIRST_CURVATURE)),
         last_extra=jnp.where(extra > 0, extra, search.last_extra),
+        negative=jnp.where(extra > 0, again, 0).astype(jnp.int32),
         filtered=jnp.where(accepted, search.filtered, 0),
         iterations=search.iterations + 1,
         result=result.astype(jnp.int32),
     )
 
 
-def _here(stages: AbstractStages, search: Search) -> _Here:
+def _here(stages: AbstractStages, search: Search) -> Here:
     point = search.point
     nx, nw = point.path.x.shape[1], point.path.w.shape[1]
     of_rows, of_final = barrier.multiplier(point.stage)[:, nx + nw :], barrier.multiplier(point.final)[nx:]
     at = derivatives(stages, point.path, search.scale, point.multiplier, of_rows, of_final)
-    return _Here(at, *bounded(point.path, at.values.rows, at.final.rows), stages.bounds())
+    return Here(at, *bounded(point.path, at.values.rows, at.final.rows), stages.bounds())
 
 
 def _cost(values: StageValues, final: FinalValues) -> jax.Array:
     return jnp.sum(values.cost) + final.cost
 
 
-def _errors(here: _Here, point: Point, mu: jax.Array) -> Errors:
+def errors_at(here: Here, point: Point) -> Errors:
     at, nx = here.at, point.path.x.shape[1]
     of_stage = at.cost + barrier.pulled(at.rows, barrier.multiplier(point.stage))
     of_stage = of_stage + jnp.einsum("kxv,kx->kv", at.next, point.multiplier, precision="highest")
     of_stage = of_stage.at[1:, :nx].add(-point.multiplier[:-1])
     of_final = at.final_cost + barrier.pulled(at.final_rows, barrier.multiplier(point.final)) - point.multiplier[-1]
-    both = ((point.stage, here.bounds.stage), (point.final, here.bounds.final))
-    products = [jnp.where(barrier.is_limit(bounds), jnp.abs(each.s * each.z - mu), 0.0) for each, bounds in both]
-    limits = jnp.stack([jnp.sum(barrier.is_limit(bounds)) for _, bounds in both]).sum()
-    equations = jnp.stack([jnp.sum(barrier.is_equation(bounds)) for _, bounds in both]).sum() + point.multiplier.size
-    of_limits = _total(point.stage.z, point.final.z)
+    limits = _count(barrier.is_limit, here.bounds)
+    equations = _count(barrier.is_equation, here.bounds) + point.multiplier.size
     of_equations = _total(point.multiplier, point.stage.nu, point.final.nu)
     return Errors(
-        slope=_greatest(of_stage, of_final) / _size(of_limits + of_equations, limits + equations),
+        slope=_greatest(of_stage, of_final) / _size(_of_limits(point) + of_equations, limits + equations),
         violation=_greatest(*_gaps(at.values.next, here.y, here.final_y, here.bounds, point)),
-        complementarity=_greatest(*products) / _size(of_limits, limits),
+        complementarity=_complementarity(here.bounds, point, jnp.zeros_like(of_equations)),
     )
+
+
+def _complementarity(bounds: Bounds, point: Point, mu: jax.Array) -> jax.Array:
+    """The greatest difference of slacks times multipliers from the barrier's parameter, by the multipliers' size."""
+    pairs = ((point.stage, bounds.stage), (point.final, bounds.final))
+    products = [jnp.where(barrier.is_limit(each_bounds), each.s * each.z - mu, 0.0) for each, each_bounds in pairs]
+    return _greatest(*products) / _size(_of_limits(point), _count(barrier.is_limit, bounds))
+
+
+def _of_limits(point: Point) -> jax.Array:
+    return _total(point.stage.z, point.final.z)
+
+
+def _count(which: Callable[[jax.Array], jax.Array], bounds: Bounds) -> jax.Array:
+    return jnp.sum(which(bounds.stage)) + jnp.sum(which(bounds.final))
 
 
 def _total(*arrays: jax.Array) -> jax.Array:
@@ -252,12 +276,13 @@ def _gaps(after: jax.Array, y: jax.Array, final_y: jax.Array, bounds: Bounds, po
     ]
 
 
-def _next_barrier(here: _Here, point: Point, mu: jax.Array, tolerance: jax.Array) -> jax.Array:
+def _next_barrier(here: Here, point: Point, errors: Errors, mu: jax.Array, tolerance: jax.Array) -> jax.Array:
     """Equation 7, as often as the present barrier's problem counts as solved."""
     least = tolerance / 10.0
 
     def is_solved(mu: jax.Array) -> jax.Array:
-        return (_errors(here, point, mu).greatest <= _BARRIER_ERROR * mu) & (mu > least)
+        greatest = errors._replace(complementarity=_complementarity(here.bounds, point, mu)).greatest
+        return (greatest <= _BARRIER_ERROR * mu) & (mu > least)
 
     def lower(mu: jax.Array) -> jax.Array:
         return jnp.maximum(least, jnp.minimum(_BARRIER_FACTOR * mu, mu**_BARRIER_POWER))
@@ -265,7 +290,7 @@ def _next_barrier(here: _Here, point: Point, mu: jax.Array, tolerance: jax.Array
     return lax.while_loop(is_solved, lower, mu)
 
 
-def _direction(here: _Here, search: Search, mu: jax.Array) -> tuple[Step, jax.Array]:
+def _direction(here: Here, search: Search, mu: jax.Array) -> tuple[Step, jax.Array]:
     """Newton's direction, and the curvature that had to be added for it to lead downwards (section 3.1)."""
     at, point = here.at, search.point
     weights = barrier.weights(here.y, here.bounds.stage, point.stage, mu)
@@ -297,7 +322,7 @@ def _direction(here: _Here, search: Search, mu: jax.Array) -> tuple[Step, jax.Ar
     return step, extra
 
 
-def _change(here: _Here, point: Point, step: Step, mu: jax.Array) -> Point:
+def _change(here: Here, point: Point, step: Step, mu: jax.Array) -> Point:
     """Newton's step of everything."""
     dv = jnp.concatenate((step.x[:-1], step.w), 1)
     dy = jnp.concatenate((dv, jnp.einsum("kcv,kv->kc", here.at.rows, dv, precision="highest")), 1)
@@ -318,7 +343,7 @@ class _Merit(NamedTuple):
     value: jax.Array
 
 
-def _line_search(stages: AbstractStages, here: _Here, search: Search, change: Point) -> tuple[Point, jax.Array, Search]:
+def _line_search(stages: AbstractStages, here: Here, search: Search, change: Point) -> tuple[Point, jax.Array, Search]:
     """The longest of the halved steps that the filter accepts, whether there is one, and the new filter (section 2.3)."""
     point, mu = search.point, search.mu
     now = _merit(search, here.y, here.final_y, here.bounds, point, here.at.values.next, _cost(here.at.values, here.at.final))
@@ -329,24 +354,26 @@ def _line_search(stages: AbstractStages, here: _Here, search: Search, change: Po
     longest = _longest((point.stage.s, point.final.s), (change.stage.s, change.final.s), fraction)
     of_duals = _longest((point.stage.z, point.final.z), (change.stage.z, change.final.z), fraction)
 
-    def tried(length: jax.Array) -> tuple[jax.Array, jax.Array]:
-        moved = _moved(point, change, length, length)
+    def tried(length: jax.Array) -> tuple[Point, jax.Array, jax.Array]:
+        moved = _moved(point, change, length, of_duals)
         found, final = values(stages, moved.path)
         y, final_y = bounded(moved.path, found.rows, final.rows)
+        moved = moved._replace(
+            stage=barrier.kept_near(barrier.reset(point.stage, moved.stage, y, here.bounds.stage, fraction), mu),
+            final=barrier.kept_near(barrier.reset(point.final, moved.final, final_y, here.bounds.final, fraction), mu),
+        )
         merit = _merit(search, y, final_y, here.bounds, moved, found.next, search.scale * _cost(found, final))
-        return _is_accepted(search, now, merit, slope, length)
+        return moved, *_is_accepted(search, now, merit, slope, length)
 
     def goes_on(state: tuple) -> jax.Array:
-        _, accepted, _, count = state
+        _, _, accepted, _, count = state
         return ~accepted & (count < _HALVINGS)
 
     def halve(state: tuple) -> tuple:
-        length, _, _, count = state
+        length, *_, count = state
         return 0.5 * length, *tried(0.5 * length), count + 1
 
-    length, accepted, lowers, _ = lax.while_loop(goes_on, halve, (longest, *tried(longest), 0))
-    moved = _moved(point, change, length, of_duals)
-    moved = moved._replace(stage=barrier.kept_near(moved.stage, mu), final=barrier.kept_near(moved.final, mu))
+    _, moved, accepted, lowers, _ = lax.while_loop(goes_on, halve, (longest, *tried(longest), 0))
     # Equation 22: a step that does not lower the barrier function by what was promised must not be undone later.
     entry = jnp.stack(((1.0 - _LESS) * now.violation, now.value - _LESS * now.violation))
     adds = accepted & ~lowers
@@ -377,7 +404,7 @@ def _merit(
     return _Merit(_total(*violations), scaled_cost - search.mu * logarithms)
 
 
-def _slope(here: _Here, point: Point, change: Point, mu: jax.Array) -> jax.Array:
+def _slope(here: Here, point: Point, change: Point, mu: jax.Array) -> jax.Array:
     """Of the barrier function along the step."""
     dv = jnp.concatenate((change.path.x[:-1], change.path.w), 1)
     of_cost = jnp.sum(here.at.cost * dv) + jnp.sum(here.at.final_cost * change.path.x[-1])

@@ -43,6 +43,14 @@ class Bounds(NamedTuple):
     final: Float[Array, "2 nx+nf"]
 
 
+class Expansion(NamedTuple):
+    """A stage about a point: values, their derivatives on the last axis, and second derivatives of their weighted sum."""
+
+    values: StageValues
+    slopes: StageValues
+    hessian: Float[Array, "own own"]
+
+
 class AbstractStages(eqx.Module):
     """Minimise the sum of all stages' costs and the final one, with x[k + 1] = next(k, x[k], w[k]) and all bounds held.
 
@@ -52,6 +60,11 @@ class AbstractStages(eqx.Module):
     @abc.abstractmethod
     def stage(self, k: Int[Array, ""], x: Float[Array, " nx"], w: Float[Array, " nw"]) -> StageValues:
         """Stage k."""
+
+    def expansion(self, k: Int[Array, ""], v: Float[Array, " own"], weights: StageValues) -> Expansion:
+        """Stage k about v, state and control side by side; a subclass may know a cheaper way."""
+        nx = len(weights.next)
+        return expansion(lambda v: self.stage(k, v[:nx], v[nx:]), v, weights)
 
     @abc.abstractmethod
     def final(self, x: Float[Array, " nx"]) -> FinalValues:
@@ -110,30 +123,31 @@ def derivatives(
 ) -> Derivatives:
     """Derivatives on a path; costs are multiplied by the scale.
 
-    The Lagrangian is scale * cost + of_next . next + of_rows . rows. Its gradient and all values are differentiated together, in
-    forward mode, so that what the dynamics need at the state is computed once.
+    The Lagrangian is scale * cost + of_next . next + of_rows . rows.
     """
-    nx = path.x.shape[1]
-
-    def scaled(k: jax.Array, v: jax.Array) -> StageValues:
-        found = stages.stage(k, v[:nx], v[nx:])
-        return found._replace(cost=scale * found.cost)
-
-    def scaled_final(x: jax.Array) -> FinalValues:
-        found = stages.final(x)
-        return found._replace(cost=scale * found.cost)
-
-    def of_stage(k: jax.Array, v: jax.Array, of_next: jax.Array, of_rows: jax.Array) -> tuple:
-        one = jnp.ones((), v.dtype)
-        return _jacobian(lambda v: _with_gradient(lambda v: scaled(k, v), v, StageValues(of_next, one, of_rows)), v)
-
     v = jnp.concatenate((path.x[:-1], path.w), 1)
-    (found, _), (slopes, hessian) = jax.vmap(of_stage)(_numbers(path), v, of_next, of_rows)
-    one = FinalValues(jnp.ones((), v.dtype), of_final)
-    (final, _), (final_slopes, final_hessian) = _jacobian(lambda x: _with_gradient(scaled_final, x, one), path.x[-1])
-    return Derivatives(
-        found, final, slopes.next, slopes.rows, slopes.cost, hessian, final_slopes.rows, final_slopes.cost, final_hessian
+    along = jax.vmap(lambda k, v, next_, rows: stages.expansion(k, v, StageValues(next_, scale, rows)))
+    found, slopes, hessian = along(_numbers(path), v, of_next, of_rows)
+    (final, _), (final_slopes, final_hessian) = _jacobian(
+        lambda x: _with_gradient(stages.final, x, FinalValues(scale, of_final)), path.x[-1]
     )
+    return Derivatives(
+        found._replace(cost=scale * found.cost),
+        final._replace(cost=scale * final.cost),
+        slopes.next,
+        slopes.rows,
+        scale * slopes.cost,
+        hessian,
+        final_slopes.rows,
+        scale * final_slopes.cost,
+        final_hessian,
+    )
+
+
+def expansion(stage: Callable[[jax.Array], StageValues], v: Float[Array, " own"], weights: StageValues) -> Expansion:
+    """A function about v; its gradient and values are differentiated together, in forward mode, and share what they compute."""
+    (found, _), (slopes, hessian) = _jacobian(lambda v: _with_gradient(stage, v, weights), v)
+    return Expansion(found, slopes, hessian)
 
 
 def _with_gradient(function: Callable[[jax.Array], Any], at: jax.Array, cotangents: Any) -> tuple[Any, jax.Array]:

@@ -99,14 +99,16 @@ def check_finite(stages: MotionStages, path: Path) -> None:
     raise NonFiniteTaskError("a derivative of the cost is not finite at the first guess")
 
 
-def verdict(stages: MotionStages, search: Search) -> str:
-    """How a search ended, and what stands in the way."""
+def verdict(stages: MotionStages, search: Search, tolerance: float) -> str:
+    """How a search ended, and what stands in the way of the tolerance."""
     result, errors = Result(int(search.result)), search.errors
     if result == Result.CONVERGED:
         return f"optimal to {float(errors.greatest):.1e} after {int(search.iterations)} iterations"
     if result == Result.STALLED:
         return f"no step lowers the cost, but its slope is {float(errors.slope):.1e}: the cost or a constraint may not be smooth"
     end = "no step brings it nearer to all limits" if result == Result.INFEASIBLE else "the iterations are used up"
+    if float(errors.violation) <= tolerance:
+        return f"{end}; all limits hold, but the slope of the cost is {float(errors.slope):.1e}"
     return f"{end}; {_worst(stages, search)}"
 
 
@@ -121,16 +123,27 @@ def _worst(stages: MotionStages, search: Search) -> str:
     duration = float(stages.state(jnp.asarray(steps), path.x[-1]).duration)
     if max(jumps.max(), beyond[0].max(), beyond[1].max()) == jumps.max():
         k = int(np.unravel_index(jumps.argmax(), jumps.shape)[0])
-        return f"the motion jumps by {jumps.max():.2g} at t = {(k + 1) * duration / steps:.3g} s"
-    names, pairs = stages.row_names(), (np.asarray(bounds.stage), np.asarray(bounds.final)[:, None])
-    which = int(beyond[1].max() >= beyond[0].max())
-    table = np.atleast_2d(beyond[which])
-    k, i = np.unravel_index(table.argmax(), table.shape)
-    value = float(np.atleast_2d(np.asarray(final_y if which else y))[k, i])
+        which, k_most, i = _greatest(*(np.abs(barrier.multiplier(each)) for each in (search.point.stage, search.point.final)))
+        jump = f"the motion jumps by {jumps.max():.2g} at t = {(k + 1) * duration / steps:.3g} s"
+        time = duration if which else k_most * duration / steps
+        return f"{jump}, and of all limits the {stages.row_names()[which][i]} at t = {time:.3g} s presses most"
+    which, k, i = _greatest(*beyond)
+    low, high = np.asarray(bounds.final[:, None] if which else bounds.stage)[:, k, i]
+    # Coordinates are counted from those of the guess.
+    offset = float(stages.offset()[stages.task.steps if which else k, i]) if i < stages.task.model.nv else 0.0
+    value = float(np.atleast_2d(np.asarray(final_y if which else y))[k, i]) + offset
     time = duration if which else k * duration / steps
-    low, high = pairs[which][:, k, i]
+    low, high = low + offset, high + offset
     wanted = f"{low:g}" if low == high else f"between {low:g} and {high:g}"
-    return f"the {names[which][i]} at t = {time:.3g} s is {value:.6g}, but has to be {wanted}"
+    return f"the {stages.row_names()[which][i]} at t = {time:.3g} s is {value:.6g}, but has to be {wanted}"
+
+
+def _greatest(stage: np.ndarray, final: np.ndarray) -> tuple[int, int, int]:
+    """Whether the greatest number is the last node's (1) or a stage's (0), and its node and place there."""
+    which = int(final.max() >= stage.max())
+    table = np.atleast_2d(np.asarray(final if which else stage))
+    k, i = np.unravel_index(table.argmax(), table.shape)
+    return which, int(k), int(i)
 
 
 def _beyond(y: jax.Array, bounds: jax.Array) -> jax.Array:

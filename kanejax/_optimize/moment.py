@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -60,7 +61,7 @@ class Cost(eqx.Module):
         needs: tuple[str, ...] = (),
     ) -> None:
         """Store the term; its name is the function's unless given."""
-        self.function, self.weight = function, jnp.asarray(weight, float)
+        self.function, self.weight = _leafless(function), jnp.asarray(weight, float)
         self.name = getattr(function, "__name__", type(function).__name__) if name is None else name
         self.at_end, self.needs = at_end, _checked_needs(needs)
 
@@ -97,9 +98,14 @@ class Constraint(eqx.Module):
         needs: tuple[str, ...] = (),
     ) -> None:
         """Store the constraint, function <= 0 by default; its name is the function's unless given."""
-        self.function, self.lower, self.upper = function, jnp.asarray(lower, float), jnp.asarray(upper, float)
+        self.function, self.lower, self.upper = _leafless(function), jnp.asarray(lower, float), jnp.asarray(upper, float)
         self.name = getattr(function, "__name__", type(function).__name__) if name is None else name
         self.at_end, self.needs = at_end, _checked_needs(needs)
+
+
+def _leafless(function: Any) -> Any:
+    """A plain function becomes part of the structure of a pytree, so that tasks go through JAX's own transformations."""
+    return function if isinstance(function, eqx.Module) else jax.tree_util.Partial(function)
 
 
 def _checked_needs(needs: tuple[str, ...]) -> tuple[str, ...]:

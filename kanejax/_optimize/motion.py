@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from kanejax._optimal_control.interior_point import Errors, Result, Search
 from kanejax._optimize.moment import Moment
+from kanejax._optimize.steps import step
 from kanejax._optimize.transcription import MotionStages
 
 
@@ -57,7 +58,7 @@ def motion_of(stages: MotionStages, search: Search) -> OptimalMotion:
     h = states.duration[0] / task.steps
     ts = numbers.astype(h.dtype) * h
     before = jax.tree.map(lambda x: x[:-1], states)
-    moments: Moment = jax.vmap(lambda t, state, w: stages.step(state, w, t, h).moment)(ts[:-1], before, path.w)
+    moments: Moment = jax.vmap(lambda t, state, w: step(task, state, w, t, h).moment)(ts[:-1], before, path.w)
     costs = stages.costs(path)
     return OptimalMotion(
         ts=ts,

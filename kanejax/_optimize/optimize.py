@@ -1,7 +1,8 @@
-"""Optimal motions, by the interior-point method."""
+"""Optimal motions, by the interior-point method or by IPOPT."""
 
-from collections.abc import Callable
-from typing import final
+import importlib.util
+from collections.abc import Callable, Mapping
+from typing import Any, final
 
 import equinox as eqx
 import jax
@@ -9,14 +10,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from kanejax._errors import KanejaxError
-from kanejax._optimal_control.interior_point import Result, first_search, searched
+from kanejax._optimal_control.interior_point import Result, Search, first_search, searched
+from kanejax._optimal_control.ipopt import SearchInterrupted, searched_by_ipopt
 from kanejax._optimal_control.sensitivity import optimum
 from kanejax._optimal_control.stages import Path
 from kanejax._optimize.displacement import displaced, displacement
 from kanejax._optimize.feasibility import check_finite, check_task, verdict
 from kanejax._optimize.motion import OptimalMotion, motion_of
+from kanejax._optimize.steps import State
 from kanejax._optimize.task import MotionTask
-from kanejax._optimize.transcription import MotionStages, State
+from kanejax._optimize.transcription import MotionStages
 
 
 @final
@@ -73,7 +76,8 @@ def first_path(stages: MotionStages, guess: Guess | OptimalMotion) -> Path:
     return Path(x, guess.u_dot if task.dynamics == "inverse" else guess.tau)
 
 
-def _tolerance(task: MotionTask, given: float | None) -> jax.Array:
+def tolerance_of(task: MotionTask, given: float | None) -> jax.Array:
+    """The tolerance that is given, or that of the data type."""
     dtype = task.model.dtype
     default = 1e-8 if dtype == jnp.float64 else 1e-3
     return jnp.asarray(default if given is None else given, dtype)
@@ -101,7 +105,7 @@ def optimal_motion(
     # The optimum does not depend on where the search began.
     guess = jax.lax.stop_gradient(guess)
     stages = MotionStages(task, guess.q)
-    return motion_of(stages, optimum(stages, first_path(stages, guess), max_iterations, _tolerance(task, tolerance)))
+    return motion_of(stages, optimum(stages, first_path(stages, guess), max_iterations, tolerance_of(task, tolerance)))
 
 
 class OptimizationError(KanejaxError, RuntimeError):
@@ -116,10 +120,14 @@ class OptimizationError(KanejaxError, RuntimeError):
 class OptimizationInterrupted(KeyboardInterrupt):
     """Ctrl-C; `motion` is where the search was, from which `optimize(task, motion)` goes on."""
 
-    def __init__(self, motion: OptimalMotion) -> None:
+    def __init__(self, motion: OptimalMotion, advice: str = "the attribute `motion` is where the search was") -> None:
         """Keep the motion."""
-        super().__init__("interrupted; the attribute `motion` is where the search was")
+        super().__init__(f"interrupted; {advice}")
         self.motion = motion
+
+
+class SolverNotInstalledError(KanejaxError, ImportError):
+    """A solver is not part of the library and not installed; the message says how to install it."""
 
 
 def optimize(
@@ -129,7 +137,11 @@ def optimize(
     tolerance: float | None = None,
     max_iterations: int = 300,
     progress: Callable[[OptimalMotion], None] | None = None,
+    keep: Callable[[Search], None] | None = None,
+    search: Search | None = None,
     throw: bool = True,
+    solver: str = "interior_point",
+    ipopt_options: Mapping[str, Any] | None = None,
 ) -> OptimalMotion:
     """The motion of least cost near a guess, with a verdict where there is none; see `optimal_motion` for many at once.
 
@@ -139,7 +151,11 @@ def optimize(
         tolerance: to which the conditions of optimality hold in the end, by default 1e-8 (float32: 1e-3).
         max_iterations: after which the search ends.
         progress: called with the motion so far after every ten iterations.
+        keep: called with the state of the search at the same times, before `progress`: arrays to go on from.
+        search: what `keep` was given for the same task and guess; the search goes on from there, as if it had never ended.
         throw: raise where the search does not converge, instead of returning a motion that says so.
+        solver: "interior_point", that of `optimal_motion`, or "ipopt", which `pip install 'kanejax[ipopt]'` brings.
+        ipopt_options: IPOPT's own, such as {"mu_strategy": "adaptive", "print_level": 5}.
 
     Returns:
         The motion.
@@ -149,25 +165,67 @@ def optimize(
         NonFiniteTaskError: something is infinite or not a number at the first guess.
         OptimizationError: the search did not converge.
         OptimizationInterrupted: on Ctrl-C.
+        SolverNotInstalledError: IPOPT is not.
+        ValueError: an option of a solver does not exist.
     """
+    _check_solver(solver, ipopt_options)
     check_task(task)
     guess = straight_guess(task) if guess is None else guess
     stages = MotionStages(task, guess.q)
-    search = _first(stages, guess)
+    search = _first(stages, guess) if search is None else search
+
+    def watch(now: Search) -> None:
+        nonlocal search
+        search = now
+        if keep is not None:
+            keep(search)
+        if progress is not None:
+            progress(_motion(stages, search))
+
     try:
-        while int(search.result) == Result.RUNNING and int(search.iterations) < max_iterations:
-            count = min(_SEGMENT, max_iterations - int(search.iterations))
-            search = _next(stages, search, jnp.asarray(count), _tolerance(task, tolerance))
-            if progress is not None:
-                progress(_motion(stages, search))
+        search = _ended(stages, search, tolerance_of(task, tolerance), max_iterations, watch, solver, ipopt_options)
+    except SearchInterrupted as error:
+        raise OptimizationInterrupted(_motion(stages, error.search)) from error
     except KeyboardInterrupt as error:
         raise OptimizationInterrupted(_motion(stages, search)) from error
     if int(search.result) == Result.NON_FINITE:
         check_finite(stages, search.point.path)
     motion = _motion(stages, search)
     if throw and int(search.result) != Result.CONVERGED:
-        raise OptimizationError(verdict(stages, search), motion)
+        raise OptimizationError(verdict(stages, search, float(tolerance_of(task, tolerance))), motion)
     return motion
+
+
+def _ended(
+    stages: MotionStages,
+    search: Search,
+    tolerance: jax.Array,
+    max_iterations: int,
+    watch: Callable[[Search], None],
+    solver: str,
+    ipopt_options: Mapping[str, Any] | None,
+) -> Search:
+    """A search at its end; watched after every segment."""
+    left = max_iterations - int(search.iterations)
+    if solver == "ipopt" and int(search.result) == Result.RUNNING and left > 0:
+        search = searched_by_ipopt(stages, search, left, tolerance, options=ipopt_options, watch=watch, every=_SEGMENT)
+        watch(search)
+        return search
+    while int(search.result) == Result.RUNNING and int(search.iterations) < max_iterations:
+        count = min(_SEGMENT, max_iterations - int(search.iterations))
+        search = _next(stages, search, jnp.asarray(count), tolerance)
+        watch(search)
+    return search
+
+
+def _check_solver(solver: str, ipopt_options: Mapping[str, Any] | None) -> None:
+    if solver not in ("interior_point", "ipopt"):
+        raise ValueError(f"solver is {solver!r}; use 'interior_point' or 'ipopt'")
+    if ipopt_options and solver != "ipopt":
+        raise ValueError(f"ipopt_options are given, but solver is {solver!r}; use solver='ipopt'")
+    if solver == "ipopt" and importlib.util.find_spec("cyipopt") is None:
+        wheels = "pip install 'kanejax[ipopt]', or conda install -c conda-forge cyipopt where PyPI has no wheel"
+        raise SolverNotInstalledError(f"solver='ipopt' needs the package cyipopt: {wheels}")
 
 
 _SEGMENT = 10

@@ -4,30 +4,19 @@ The state of a node is the displacement of the coordinates from those of the gue
 before, and the duration where it is sought. What is sought at each stage are accelerations or forces, constant during the step.
 """
 
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Float
 
-from kanejax._dynamics.equations_of_motion import forward_dynamics, inverse_dynamics
-from kanejax._kinematics.coordinate_rates import coordinate_rates
 from kanejax._model.tree import SPEEDS
-from kanejax._optimal_control.stages import AbstractStages, Bounds, FinalValues, Path, StageValues
+from kanejax._optimal_control.composition import composed_expansion
+from kanejax._optimal_control.stages import AbstractStages, Bounds, Expansion, FinalValues, Path, StageValues
 from kanejax._optimize.displacement import displaced, displacement
 from kanejax._optimize.moment import Constraint, Cost, Moment
+from kanejax._optimize.steps import DYNAMICS, State, Step, scheme, step, step_with
 from kanejax._optimize.task import MotionTask
-
-
-class State(NamedTuple):
-    """Of a node: coordinates, speeds, forces and accelerations of the step before if they are remembered, and the duration."""
-
-    q: Float[Array, " nq"]
-    u: Float[Array, " nv"]
-    tau: Float[Array, " nv"] | None
-    u_dot: Float[Array, " nv"] | None
-    duration: Float[Array, ""]
 
 
 @final
@@ -62,17 +51,40 @@ class MotionStages(AbstractStages):
         task = self.task
         before = self.state(k, x)
         h = before.duration / task.steps
-        step = self.step(before, w, k.astype(h.dtype) * h, h)
+        return self._values(k, before, step(task, before, w, k.astype(h.dtype) * h, h), h)
+
+    def expansion(self, k: jax.Array, v: jax.Array, weights: StageValues) -> Expansion:
+        """By the derivatives of the dynamics, where a step asks for them once."""
+        task, nx = self.task, len(weights.next)
+        way = scheme(task)
+        if way is None:
+            return super().expansion(k, v, weights)
+
+        def place(v: jax.Array) -> tuple[State, jax.Array, jax.Array, jax.Array, jax.Array]:
+            before, w = self.state(k, v[:nx]), v[nx:]
+            h = before.duration / task.steps
+            return before, h, *way.place(task, before, w, h), w
+
+        _, _, q, u, w = place(v)
+
+        def arguments(v: jax.Array) -> jax.Array:
+            _, _, there, u, w = place(v)
+            return jnp.concatenate((displacement(task.model.tree, q, there), u, w))
+
+        def outer(v: jax.Array, found: jax.Array) -> StageValues:
+            before, h, *_, w = place(v)
+            return self._values(k, before, step_with(task, before, w, found, k.astype(h.dtype) * h, h), h)
+
+        curved = DYNAMICS[task.dynamics][1]
+        return composed_expansion(outer, arguments, lambda weigh: curved(task.model, q, u, w, weigh), v, weights)
+
+    def _values(self, k: jax.Array, before: State, step: Step, h: jax.Array) -> StageValues:
         rates = _rates(before, step.moment, h)
         moment = step.moment._replace(**rates)
         after = State(step.q, step.u, moment.tau, moment.u_dot, before.duration)
-        cost = sum(self._cost_along(step, rates, h).values(), jnp.zeros((), x.dtype))
-        rows = [*self._limited(moment), *(_array(one, task.model, moment) for one in self._along())]
-        return StageValues(self.numbers(k + 1, after), cost, _joined(rows, x.dtype))
-
-    def step(self, before: State, w: jax.Array, t: jax.Array, h: jax.Array) -> "Step":
-        """The motion during the step of length h at time t."""
-        return _STEPS[self.task.dynamics, self.task.integrator](self.task, before, w, t, h)
+        cost = sum(self._cost_along(step, rates, h).values(), jnp.zeros((), h.dtype))
+        rows = [*self._limited(moment), *(_array(one, self.task.model, moment) for one in self._along())]
+        return StageValues(self.numbers(k + 1, after), cost, _joined(rows, h.dtype))
 
     def final(self, x: jax.Array) -> FinalValues:
         """The last node."""
@@ -92,7 +104,7 @@ class MotionStages(AbstractStages):
         sought, speeds = limits.u_dot if task.dynamics == "inverse" else limits.tau, limits.u
         sought, speeds = (anything if each is None else each for each in (sought, speeds))
         other = [*self._limits_of_rows(), *(_limits(one, self._size(one, final=False)) for one in self._along())]
-        offset = self._offset()
+        offset = self.offset()
         nodes = [jnp.concatenate((limits.q - offset[k][None], speeds, *own), 1) for k in (0, task.steps)]
         middle = jnp.broadcast_to(limits.q[:, None] - offset[None], (2, task.steps + 1, nv))[:, :-1]
         rest = jnp.concatenate((speeds, *own, sought, *other), 1)
@@ -124,14 +136,14 @@ class MotionStages(AbstractStages):
         def along(k: jax.Array, x: jax.Array, w: jax.Array) -> dict[str, jax.Array]:
             before = self.state(k, x)
             h = before.duration / self.task.steps
-            step = self.step(before, w, k.astype(h.dtype) * h, h)
-            return self._cost_along(step, _rates(before, step.moment, h), h)
+            taken = step(self.task, before, w, k.astype(h.dtype) * h, h)
+            return self._cost_along(taken, _rates(before, taken.moment, h), h)
 
         last = self.state(jnp.asarray(self.task.steps), path.x[-1])
         found = jax.vmap(along)(jnp.arange(self.task.steps), path.x[:-1], path.w)
         return jax.tree.map(jnp.sum, found) | self._cost_at_end(Moment(last.duration, last.q, last.u))
 
-    def _cost_along(self, step: "Step", rates: dict[str, jax.Array], h: jax.Array) -> dict[str, jax.Array]:
+    def _cost_along(self, step: Step, rates: dict[str, jax.Array], h: jax.Array) -> dict[str, jax.Array]:
         return {
             term.name: term.weight * h * _mean(term, self.task.model, step, rates) for term in self.task.costs if not term.at_end
         }
@@ -173,7 +185,7 @@ class MotionStages(AbstractStages):
     def _limited(self, moment: Moment) -> list[jax.Array]:
         return [moment.tau * moment.u if what == "power" else getattr(moment, what) for what in self._rows_of_limits()]
 
-    def _offset(self) -> Float[Array, "nodes nv"]:
+    def offset(self) -> Float[Array, "nodes nv"]:
         """Coordinates at the reference by their speeds; zero where limits are not of a coordinate."""
         (plain_v, plain_q), nv = self.task.model.tree.plain_speeds, self.task.model.nv
         return jnp.zeros((len(self.reference), nv), self.reference.dtype).at[:, plain_v].set(self.reference[:, plain_q])
@@ -191,82 +203,6 @@ _WORDS = {
     "tau_rate": "rate of the force",
     "jerk": "jerk",
     "power": "power",
-}
-
-
-class Step(NamedTuple):
-    """One time step.
-
-    Attributes:
-        q: coordinates after it.
-        u: speeds after it.
-        moment: that stands for it: limits and constraints hold there.
-        shares: of the moments below in the mean over the step.
-        moments: one after another, on a leading axis.
-    """
-
-    q: jax.Array
-    u: jax.Array
-    moment: Moment
-    shares: jax.Array
-    moments: Moment
-
-
-def _of_one(q: jax.Array, u: jax.Array, moment: Moment) -> Step:
-    """A step of which one moment is the mean."""
-    return Step(q, u, moment, jnp.ones(1, q.dtype), jax.tree.map(lambda x: x[None], moment))
-
-
-def _inverse_euler(task: MotionTask, before: State, w: jax.Array, t: jax.Array, h: jax.Array) -> Step:
-    u = before.u + h * w
-    moment = Moment(t, before.q, before.u, w, inverse_dynamics(task.model, before.q, before.u, w))
-    return _of_one(displaced(task.model.tree, before.q, h * u), u, moment)
-
-
-def _inverse_midpoint(task: MotionTask, before: State, w: jax.Array, t: jax.Array, h: jax.Array) -> Step:
-    tree = task.model.tree
-    middle = displaced(tree, before.q, 0.5 * h * (before.u + 0.25 * h * w))
-    u = before.u + 0.5 * h * w
-    moment = Moment(t + 0.5 * h, middle, u, w, inverse_dynamics(task.model, middle, u, w))
-    return _of_one(displaced(tree, before.q, h * u), before.u + h * w, moment)
-
-
-def _forward_euler(task: MotionTask, before: State, w: jax.Array, t: jax.Array, h: jax.Array) -> Step:
-    u_dot = forward_dynamics(task.model, before.q, before.u, w)
-    u = before.u + h * u_dot
-    return _of_one(displaced(task.model.tree, before.q, h * u), u, Moment(t, before.q, before.u, u_dot, w))
-
-
-def _forward_runge_kutta(task: MotionTask, before: State, w: jax.Array, t: jax.Array, h: jax.Array) -> Step:
-    """All evaluations are one loop, which compiles in a fourth of the time; costs are integrated like the state."""
-    model, d = task.model, h / task.substeps
-    count = 4 * task.substeps
-
-    def evaluation(carry: tuple, each: tuple) -> tuple:
-        start, here, after = carry
-        now, share, ahead, is_last = each
-        moment = Moment(now, here[0], here[1], forward_dynamics(model, here[0], here[1], w), w)
-        rates = coordinate_rates(model, here[0], here[1]), moment.u_dot
-        after = jax.tree.map(lambda x, rate: x + share * d * rate, after, rates)
-        start = jax.tree.map(lambda new, old: jnp.where(is_last, new, old), after, start)
-        here = jax.tree.map(lambda x, rate: x + ahead * d * rate, start, rates)
-        return (start, here, after), moment
-
-    state = before.q, before.u
-    shares, ahead, offset = (jnp.tile(jnp.asarray(each, h.dtype), task.substeps) for each in (_SHARES, _AHEAD, _OFFSETS))
-    numbers = jnp.arange(count)
-    times = t + d * ((numbers // 4).astype(d.dtype) + offset)
-    (end, _, _), moments = lax.scan(evaluation, (state, state, state), (times, shares, ahead, numbers % 4 == 3))
-    return Step(*end, jax.tree.map(lambda x: x[0], moments), shares / task.substeps, moments)
-
-
-# Of the classical method of order four: weights, and the step from the start to the next evaluation and to this one.
-_SHARES, _AHEAD, _OFFSETS = (1 / 6, 1 / 3, 1 / 3, 1 / 6), (0.5, 0.5, 1.0, 0.0), (0.0, 0.5, 0.5, 1.0)
-_STEPS = {
-    ("inverse", "euler"): _inverse_euler,
-    ("inverse", "midpoint"): _inverse_midpoint,
-    ("forward", "euler"): _forward_euler,
-    ("forward", "rk4"): _forward_runge_kutta,
 }
 
 

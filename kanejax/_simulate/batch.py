@@ -2,22 +2,18 @@
 
 import contextlib
 import dataclasses
-import os
-import threading
-from collections.abc import Iterator
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from kanejax._lanes import Results, Runner, cores, progress_bar, run_lanes
 from kanejax._model.generalized_speeds import AnyModel, WithSpeeds, own
 from kanejax._model.model import leaf_shapes
 from kanejax._model.specialized import Specialized
 from kanejax._simulate.checks import check_batch, check_positive, with_counts
-from kanejax._simulate.lanes import Runner, run_lanes
 from kanejax._simulate.segment import Segment
 from kanejax._simulate.simulate import simulate
 from kanejax._simulate.trajectory import Array, Status, Trajectory
@@ -90,14 +86,15 @@ def simulate_batch(
     run = _runner(model, q0, u0, ts, control, control_axis, options)
     if resume is not None and len(resume.status) != len(q0):
         raise ValueError(f"resume has {len(resume.status)} trajectories, but q0 has {len(q0)}; give those of the interrupted call")
-    results = _Results(len(q0), None if resume is None else jax.tree.map(np.array, resume))
+    before = None if resume is None else jax.tree.map(np.array, resume)
+    results = Results(len(q0), before, lambda found: found.status, Status.NOT_RUN)
     waiting = np.arange(len(q0)) if resume is None else np.flatnonzero(np.asarray(resume.status) == Status.NOT_RUN)
     # Fewer lanes than these would not fill the vector instructions of one core.
-    threads = min(_cores(), max(1, len(waiting) // FEWEST)) if threads is None else int(threads)
+    threads = min(cores(), max(1, len(waiting) // FEWEST)) if threads is None else int(threads)
     size = min(batch_size, max(1, -(-len(waiting) // threads)))
     counts = run_lanes(run, waiting, size, threads, results.store)
     try:
-        with _bar(len(waiting), progress) as advance, contextlib.closing(counts):
+        with progress_bar("simulating", len(waiting), progress) as advance, contextlib.closing(counts):
             for count in counts:
                 advance(count)
     except KeyboardInterrupt as error:
@@ -107,38 +104,6 @@ def simulate_batch(
     done = results.close()
     assert done is not None
     return done
-
-
-class _Results:
-    """Trajectories of all rows, which threads fill until it is closed; None before the first."""
-
-    def __init__(self, length: int, trajectory: Trajectory | None) -> None:
-        self.length, self.trajectory = length, trajectory
-        self.lock, self.closed = threading.Lock(), False
-
-    def store(self, rows: np.ndarray, piece: Trajectory) -> None:
-        """Write trajectories to their rows; the status, which says that they are done, last."""
-        with self.lock:
-            if self.closed:
-                return
-            if self.trajectory is None:
-                self.trajectory = _empty(piece, self.length)
-            whole = self.trajectory
-            for part, new in zip(jax.tree.leaves(whole), jax.tree.leaves(piece), strict=True):
-                if part is not whole.status:
-                    part[rows] = new
-            whole.status[rows] = piece.status
-
-    def close(self) -> Trajectory | None:
-        """What there is; from now on nothing is written, though a second interrupt may have left threads running."""
-        with self.lock:
-            self.closed = True
-            return self.trajectory
-
-
-def _cores() -> int:
-    """Threads that are worth starting: XLA runs one call on one core of a CPU."""
-    return (getattr(os, "process_cpu_count", os.cpu_count)() or 1) if jax.default_backend() == "cpu" else 1
 
 
 def _runner(
@@ -234,25 +199,3 @@ def model_axes(model: AnyModel, length: int) -> list[int | None]:
             raise ValueError(f"model.{name} has shape {found}, but this batch needs {shape} or {(length, *shape)}")
         axes.append(None if found == shape else 0)
     return axes
-
-
-def _empty(piece: Trajectory, length: int) -> Trajectory:
-    """Results for all that were not run, in the form of those of a piece."""
-
-    def blank(part: np.ndarray) -> np.ndarray:
-        return np.full((length, *part.shape[1:]), np.nan if np.issubdtype(part.dtype, np.floating) else -1, part.dtype)
-
-    empty = jax.tree.map(blank, piece)
-    return eqx.tree_at(lambda t: t.status, empty, np.full(length, int(Status.NOT_RUN), piece.status.dtype))
-
-
-@contextlib.contextmanager
-def _bar(total: int, show: bool) -> Iterator[Any]:
-    """A function that advances a progress bar."""
-    if not show:
-        yield lambda count: None
-        return
-    columns = (TextColumn("simulating"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda count: bar.advance(task, count)

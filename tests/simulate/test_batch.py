@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import kanejax as kj
-from kanejax._simulate import batch, lanes
+from kanejax import _lanes as lanes
+from kanejax._simulate import batch
 
 TS = np.linspace(0, 0.4, 3)
 
@@ -140,7 +141,7 @@ def test_what_finished_before_an_interrupt_is_not_run_again(pendulum, monkeypatc
     """The interrupt comes at the first report, when the threads are many pieces further."""
     q0, u0 = states(40)
     run, hold, calls, rows = batch._run, threading.Event(), [], []
-    store = batch._Results.store
+    store = lanes.Results.store
 
     def held(*args):
         calls.append(1)
@@ -160,7 +161,7 @@ def test_what_finished_before_an_interrupt_is_not_run_again(pendulum, monkeypatc
         raise KeyboardInterrupt
 
     monkeypatch.setattr(batch, "_run", held)
-    monkeypatch.setattr(batch._Results, "store", recorded)
+    monkeypatch.setattr(lanes.Results, "store", recorded)
     monkeypatch.setattr(batch, "_bar", bar_of(interrupt))
     with pytest.raises(kj.SimulationInterrupted, match="12 of 40 trajectories were not run") as caught:
         kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, threads=2, dt0=0.02)

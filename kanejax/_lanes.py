@@ -1,22 +1,23 @@
-"""Lanes: so many trajectories run at a time, and a finished one makes room for the next."""
+"""Lanes: so many trajectories or searches run at a time, and a finished one makes room for the next."""
 
 import collections
 import contextlib
+import os
 import queue
 import threading
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
-
-from kanejax._simulate.trajectory import Trajectory
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 # (rows of the trajectories, state that they were left in, which start anew) -> (state they are left in, unfinished, trajectories).
 Runner = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, Any, Any]]
 # (rows, trajectories) -> None; called by several threads, and maybe twice with the same.
-Store = Callable[[np.ndarray, Trajectory], None]
+Store = Callable[[np.ndarray, Any], None]
 
 
 def run_lanes(run: Runner, rows: np.ndarray, size: int, threads: int, store: Store) -> Generator[int]:
@@ -113,3 +114,64 @@ def _store_finished(store: Store, lanes: np.ndarray, unfinished: Any, piece: Any
     except KeyboardInterrupt:
         finish()
         raise
+
+
+class Results[T]:
+    """Results of all rows, which threads fill until it is closed; None before the first."""
+
+    def __init__(self, length: int, whole: T | None, flag: Callable[[T], Any], missing: int) -> None:
+        """Start with what there is.
+
+        Args:
+            length: number of rows.
+            whole: results of some, arrays that are written to.
+            flag: the leaf of the results that says how a row ended.
+            missing: its value where there is none.
+        """
+        self.length, self.whole, self.flag, self.missing = length, whole, flag, missing
+        self.lock, self.closed = threading.Lock(), False
+
+    def store(self, rows: np.ndarray, piece: T) -> None:
+        """Write results to their rows; the flag, which says that they are done, last."""
+        with self.lock:
+            if self.closed:
+                return
+            if self.whole is None:
+                self.whole = self._empty(piece)
+            flag = self.flag(self.whole)
+            for part, new in zip(jax.tree.leaves(self.whole), jax.tree.leaves(piece), strict=True):
+                if part is not flag:
+                    part[rows] = new
+            flag[rows] = self.flag(piece)
+
+    def close(self) -> T | None:
+        """What there is; from now on nothing is written, though a second interrupt may have left threads running."""
+        with self.lock:
+            self.closed = True
+            return self.whole
+
+    def _empty(self, piece: T) -> T:
+        """Results for all that were not run, in the form of those of a piece."""
+
+        def blank(part: np.ndarray) -> np.ndarray:
+            return np.full((self.length, *part.shape[1:]), np.nan if np.issubdtype(part.dtype, np.floating) else -1, part.dtype)
+
+        none = np.full(self.length, int(self.missing), self.flag(piece).dtype)
+        return eqx.tree_at(self.flag, jax.tree.map(blank, piece), none)
+
+
+def cores() -> int:
+    """Threads that are worth starting: XLA runs one call on one core of a CPU."""
+    return (getattr(os, "process_cpu_count", os.cpu_count)() or 1) if jax.default_backend() == "cpu" else 1
+
+
+@contextlib.contextmanager
+def progress_bar(what: str, total: int, show: bool) -> Iterator[Any]:
+    """A function that advances a progress bar."""
+    if not show:
+        yield lambda count: None
+        return
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda count: bar.advance(task, count)

@@ -1,0 +1,185 @@
+"""The command `kanejax optimize`."""
+
+import contextlib
+import json
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.text import Text
+
+from kanejax._cli.terminal import (
+    BAD_INPUT,
+    FAILED,
+    Json,
+    Repair,
+    Strict,
+    Unphysical,
+    complain,
+    console,
+    load,
+    logbook,
+    one_line_errors,
+    spinner,
+    use_compilation_cache,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from kanejax._cli.optimize_kept import KeptSearch
+    from kanejax._motion_task.task_file import TaskFile
+
+
+def _print_example(wanted: bool) -> bool:
+    if wanted:
+        import kanejax
+
+        print((Path(kanejax.__file__).parent / "_motion_task" / "task_example.toml").read_text(encoding="utf-8"), end="")
+        raise typer.Exit
+    return wanted
+
+
+def optimize(
+    task: Annotated[Path, typer.Argument(metavar="TASK", help="TOML file of the task; see --example.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="The folder to write to.", show_default=False)],
+    fresh: Annotated[bool, typer.Option("--fresh", help="Begin anew, even if the folder has an unfinished search.")] = False,
+    repair: Repair = False,
+    strict: Strict = True,
+    allow_unphysical: Unphysical = False,
+    as_json: Json = False,
+    example: Annotated[
+        bool, typer.Option("--example", callback=_print_example, is_eager=True, help="Print the file of a task, and exit.")
+    ] = False,
+) -> None:
+    """Find the motion of a robot that costs least, from a start to a goal within limits.
+
+    Writes motion.json (costs, errors of the conditions of optimality, replays in diffrax and MuJoCo), motion.npz, motion.csv,
+    motion.png (coordinates, speeds and forces with their limits), report.html (the same with the robot moving) and run.log.
+    After an interruption the same command goes on from where it was.
+
+    Examples: `kanejax optimize task.toml --out result`, `kanejax optimize --example > task.toml`
+    """
+    with one_line_errors():
+        import jax
+
+        from kanejax._cli.optimize_results import LOG_NAME
+        from kanejax._motion_task.task_file import read_task
+        from kanejax._optimize.feasibility import InfeasibleTaskError, NonFiniteTaskError
+
+        use_compilation_cache()
+        with jax.enable_x64(True):
+            begun = time.perf_counter()
+            options = {"strict": strict, "repair": repair, "allow_unphysical": allow_unphysical}
+            with spinner("reading"):
+                file = read_task(task, lambda robot: load(robot, **options))
+            _check_packages(file)
+            out.mkdir(parents=True, exist_ok=True)
+            say = logbook(out / LOG_NAME)
+            for line in (f"Task: {task}", f"Robot: {file.robot.origin}", *_notes(file)):
+                say(line)
+            try:
+                problem = _solved(file, {"task": str(task)}, out, say, begun, fresh=fresh, as_json=as_json)
+            except (InfeasibleTaskError, NonFiniteTaskError) as error:
+                problem = str(error)
+            if problem:
+                say(problem)
+                complain(problem, "")
+    if problem:
+        raise typer.Exit(FAILED)
+
+
+def _solved(
+    file: "TaskFile", details: dict[str, Any], out: Path, say: "Callable[[str], None]", begun: float, *, fresh: bool, as_json: bool
+) -> str:
+    """Search, replay, write and print; why there is no optimal motion, or nothing."""
+    from kanejax._cli.optimize_kept import KeptSearch
+    from kanejax._cli.optimize_progress import SearchLine
+    from kanejax._cli.optimize_results import STATE_NAME, motion_record, replays, sentences, write_motion, write_pictures
+    from kanejax._cli.optimize_search import searched
+    from kanejax._optimal_control.interior_point import Result
+
+    mark, shown = _fingerprint(file), not as_json and sys.stderr.isatty()
+    kept = KeptSearch(out / STATE_NAME, mark, fresh=fresh)
+    with _kept_when_interrupted(kept, out, say):
+        with SearchLine(file.guesses, say, shown=shown) as line:
+            found = searched(file, kept, line)
+        motion, problem = found.best.motion, found.best.problem
+        with spinner("replaying"):
+            played = replays(file, motion) if not problem and file.output.get("replay", True) else {}
+        details |= {"robot": file.robot.origin, "fingerprint": mark, "notes": _notes(file), "seconds": time.perf_counter() - begun}
+        record = motion_record(file, found, played, details)
+        with spinner("writing"):
+            written = write_motion(out, file, motion, record)
+            if file.output.get("report", True):
+                written += write_pictures(out, file, motion, record)
+    if motion.result == Result.RUNNING and kept.write():
+        say("the search is kept for more iterations")
+    else:
+        kept.forget()
+    for sentence in sentences(record):
+        say(sentence)
+    _print(record, written, as_json=as_json)
+    return f"not converged: {problem}" if problem else ""
+
+
+@contextlib.contextmanager
+def _kept_when_interrupted(kept: "KeptSearch", out: Path, say: "Callable[[str], None]") -> "Iterator[None]":
+    """Tell from where a search goes on, and keep it on Ctrl-C."""
+    if kept.stale:
+        complain(f"{kept.path} belongs to other inputs and is not used", "warning: ")
+    if kept:
+        say(f"going on after {kept}")
+    try:
+        yield
+    except KeyboardInterrupt:
+        done = (
+            f"{kept} are kept; the same command goes on from there" if kept.write() else "interrupted before the first iterations"
+        )
+        say(done)
+        complain(f"{out}: {done}", "")
+        raise
+
+
+def _check_packages(file: "TaskFile") -> None:
+    """Refuse, before anything is computed, to draw without the packages for it."""
+    from kanejax._identify.report.svg import report_package
+
+    if not file.output.get("report", True):
+        return
+    try:
+        for package in ("jinja2", "matplotlib"):
+            report_package(package)
+    except ImportError as error:
+        complain(f"{error}; or say report = false in [output] of the task")
+        raise typer.Exit(BAD_INPUT) from error
+
+
+def _fingerprint(file: "TaskFile") -> str:
+    """A hash of all that the motion depends on, but for how many iterations it may take."""
+    import equinox as eqx
+
+    from kanejax._cli.fingerprint import fingerprint_of
+
+    options = sorted((key, value) for key, value in file.options.items() if key != "max_iterations")
+    choices = (file.guesses, file.bend, file.seed, options)
+    return fingerprint_of(choices, eqx.filter(file.task, eqx.is_array), file.guess)
+
+
+def _notes(file: "TaskFile") -> tuple[str, ...]:
+    robot = file.robot
+    return (*robot.ignored, *robot.unmodelled, *robot.repaired)
+
+
+def _print(record: dict[str, Any], written: list[Path], *, as_json: bool) -> None:
+    from kanejax._cli.optimize_results import cost_table, sentences
+
+    if as_json:
+        print(json.dumps(record, indent=1, allow_nan=False))
+        return
+    console().print(cost_table(record))
+    for sentence in sentences(record):
+        console().print(Text(sentence), soft_wrap=True)
+    console().print(Text("written: " + ", ".join(map(str, written))), soft_wrap=True)

@@ -1,0 +1,1 @@
+"""Motion tasks in files, and reports of their motions."""

@@ -1,0 +1,62 @@
+"""Second derivatives of a stage that is made of a costly function and cheap ones around it, by the chain rule."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from kanejax._optimal_control.stages import Expansion, StageValues, expansion
+
+# Values of the costly function -> the slope of what it serves.
+Weigh = Callable[[jax.Array], jax.Array]
+
+
+class Curved(NamedTuple):
+    """A function of z, and the second derivatives of its weighted sum.
+
+    Attributes:
+        value: of the function.
+        jacobian: its derivatives.
+        curvature: second derivatives of the sum of its values, with the weights at this value.
+    """
+
+    value: Float[Array, " ny"]
+    jacobian: Float[Array, "ny nz"]
+    curvature: Float[Array, "nz nz"]
+
+
+def composed_expansion(
+    outer: Callable[[jax.Array, jax.Array], StageValues],
+    arguments: Callable[[jax.Array], jax.Array],
+    inner: Callable[[Weigh], Curved],
+    v: Float[Array, " own"],
+    weights: StageValues,
+) -> Expansion:
+    """The expansion of outer(v, y) with y = inner(arguments(v)), where the inner function differentiates itself.
+
+    The outer functions are differentiated with the inner one made linear; its curvature is added apart.
+
+    Args:
+        outer: of state and control, and of what the inner function gives.
+        arguments: of the inner function.
+        inner: at arguments(v).
+        v: state and control.
+        weights: of the values in the Lagrangian.
+    """
+    z, pull_back = jax.vjp(arguments, v)
+
+    def weigh(y: jax.Array) -> jax.Array:
+        return jax.vjp(lambda y: outer(v, y), y)[1](weights)[0]
+
+    found = inner(weigh)
+
+    def linear(v: jax.Array) -> StageValues:
+        return outer(v, found.value + jnp.matmul(found.jacobian, arguments(v) - z, precision="highest"))
+
+    def pulled(rows: jax.Array) -> jax.Array:
+        return jax.vmap(lambda row: pull_back(row)[0])(rows)
+
+    around = expansion(linear, v, weights)
+    return around._replace(hessian=around.hessian + pulled(pulled(found.curvature).T))

@@ -1,0 +1,147 @@
+"""Optimal motions of any number of tasks, on all cores."""
+
+import contextlib
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from kanejax._lanes import Results, cores, progress_bar, run_lanes
+from kanejax._optimal_control.interior_point import Result, Search, first_search, searched
+from kanejax._optimize.motion import OptimalMotion, motion_of
+from kanejax._optimize.optimize import (
+    Guess,
+    OptimizationInterrupted,
+    first_path,
+    straight_guess,
+    tolerance_of,
+)
+from kanejax._optimize.task import MotionTask
+from kanejax._optimize.transcription import MotionStages
+from kanejax._simulate.checks import check_positive
+
+# So many iterations, then searches that have ended make room for others.
+SEGMENT = 8
+# Numbers of states and controls side by side that fill the vector instructions of a core.
+FILLING = 64
+
+# One row of the parameters -> the task, and where to start if it is not the straight line.
+TaskOf = Callable[[Any], MotionTask | tuple[MotionTask, Guess | OptimalMotion]]
+
+
+def optimize_batch(
+    task: TaskOf,
+    parameters: Any,
+    *,
+    tolerance: float | None = None,
+    max_iterations: int = 300,
+    batch_size: int | None = None,
+    threads: int | None = None,
+    progress: bool = False,
+    resume: OptimalMotion | None = None,
+) -> OptimalMotion:
+    """The motions of least cost of many tasks, by one compiled function: goals, starts, limits, payloads, or models differ.
+
+    A search that has ended makes room for the next, so that none waits for one that needs more iterations. One that does not
+    converge does not touch the others: its `result` says so. After Ctrl-C, `resume` runs only what is missing.
+
+    Args:
+        task: function of one row of the parameters, which returns the task, or the task and a guess. It is traced by JAX.
+        parameters: arrays with a leading axis, or a pytree of them.
+        tolerance: to which the conditions of optimality hold in the end, by default 1e-8 (float32: 1e-3).
+        max_iterations: after which a search ends.
+        batch_size: searches that one core makes side by side; by default one on robots, more for small systems.
+        threads: how many of these run side by side; by default one for each core.
+        progress: show a progress bar.
+        resume: `motion` of an OptimizationInterrupted from the same call.
+
+    Returns:
+        The motions, numpy arrays with a leading batch axis.
+
+    Raises:
+        ValueError: the leading axes of the parameters differ, or a task does not fit.
+        OptimizationInterrupted: on Ctrl-C, once a motion is finished.
+    """
+    check_positive(max_iterations=max_iterations, batch_size=batch_size, threads=threads)
+    length = _length(parameters)
+    if resume is not None and len(resume.result) != length:
+        there_are = f"resume has {len(resume.result)} motions, but there are {length} tasks"
+        raise ValueError(f"{there_are}; give those of the interrupted call")
+    first = jax.tree.map(lambda x: jnp.asarray(x[0]), parameters)
+    own = eqx.filter_eval_shape(lambda row: _stages(task, row)[1], first)
+    waiting = np.arange(length) if resume is None else np.flatnonzero(np.asarray(resume.result) == Result.NOT_RUN)
+    threads = min(cores(), max(len(waiting), 1)) if threads is None else threads
+    size = max(1, FILLING // (own.x.shape[1] + own.w.shape[1]) // 4) if batch_size is None else batch_size
+    size = min(size, max(1, -(-len(waiting) // threads)))
+    results = Results(length, None if resume is None else jax.tree.map(np.array, resume), _flag, Result.NOT_RUN)
+    counts = run_lanes(_runner(task, parameters, size, tolerance, max_iterations), waiting, size, threads, results.store)
+    try:
+        with progress_bar("optimizing", len(waiting), progress) as advance, contextlib.closing(counts):
+            for count in counts:
+                advance(count)
+    except KeyboardInterrupt as error:
+        if (done := results.close()) is None:
+            raise
+        raise OptimizationInterrupted(done, "go on with resume=error.motion") from error
+    done = results.close()
+    assert done is not None
+    return done
+
+
+def _flag(motion: OptimalMotion) -> Any:
+    return motion.result
+
+
+def _length(parameters: Any) -> int:
+    """Of the leading axis that all have."""
+    lengths = {jax.tree_util.keystr(path): jnp.shape(leaf)[:1] for path, leaf in jax.tree_util.tree_leaves_with_path(parameters)}
+    if not lengths or len(set(lengths.values())) > 1 or () in lengths.values() or (0,) in lengths.values():
+        found = ", ".join(f"{name or 'the array'}: {shape}" for name, shape in lengths.items()) or "no arrays"
+        raise ValueError(f"parameters need one leading axis, a row for each task, but have {found}")
+    return next(iter(lengths.values()))[0]
+
+
+def _runner(task: TaskOf, parameters: Any, size: int, tolerance: float | None, max_iterations: int) -> Callable:
+    """The function that goes on with searches given by their rows, or starts anew."""
+    parameters = jax.tree.map(np.asarray, parameters)
+    limits = jnp.asarray(max_iterations if size == 1 else SEGMENT), jnp.asarray(max_iterations)
+
+    def run(rows: np.ndarray, before: Any, fresh: np.ndarray) -> tuple[Search, jax.Array, OptimalMotion]:
+        chosen = jax.tree.map(lambda x: x[rows], parameters)
+        if before is None:
+            shapes = eqx.filter_eval_shape(_run, task, chosen, None, fresh, limits, tolerance)[0]
+            before = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+        return _run(task, chosen, before, fresh, limits, tolerance)
+
+    return run
+
+
+def _stages(task: TaskOf, row: Any) -> tuple[MotionStages, Any]:
+    """Of one row, and the path to start from."""
+    given = task(row)
+    asked, guess = given if isinstance(given, tuple) else (given, straight_guess(given))
+    stages = MotionStages(asked, guess.q)
+    return stages, first_path(stages, guess)
+
+
+@eqx.filter_jit
+def _run(
+    task: TaskOf, parameters: Any, before: Search | None, fresh: Any, limits: tuple[jax.Array, jax.Array], tolerance: float | None
+) -> tuple[Search, jax.Array, OptimalMotion]:
+    """A segment: what the next one goes on with, which searches are unfinished, and the motions."""
+    length, most = limits
+
+    def one(row: Any, before: Search | None, fresh: jax.Array) -> tuple[Search, jax.Array, OptimalMotion]:
+        stages, path = _stages(task, row)
+        search = first_search(stages, path)
+        if before is not None:
+            search = jax.tree.map(lambda new, old: jnp.where(fresh, new, old), search, before)
+        left = jnp.minimum(length, most - search.iterations)
+        search = searched(stages, search, left, tolerance_of(stages.task, tolerance))
+        unfinished = (search.result == Result.RUNNING) & (search.iterations < most)
+        return search, unfinished, motion_of(stages, search)
+
+    return jax.vmap(one)(parameters, before, jnp.asarray(fresh))
