@@ -60,3 +60,32 @@ def composed_expansion(
 
     around = expansion(linear, v, weights)
     return around._replace(hessian=around.hessian + pulled(pulled(found.curvature).T))
+
+
+def chained_expansion(
+    chain: Callable[[jax.Array, jax.Array], tuple[StageValues, jax.Array]],
+    z: Float[Array, "count nz"],
+    inner: Callable[[jax.Array, jax.Array], Curved],
+    v: Float[Array, " own"],
+    jacobian: Float[Array, "count ny nz"],
+    weights: StageValues,
+) -> Expansion:
+    """The expansion of a stage that asks for a costly function several times, each time where the answers before have led.
+
+    Args:
+        chain: function of v and of what is added to the answers, (count, ny), with the costly function made linear: values, and the
+            arguments of all evaluations.
+        z: arguments of all evaluations at v.
+        inner: the costly function, of its arguments and of weights.
+        v: state and control.
+        jacobian: of the costly function.
+        weights: of the values in the Lagrangian.
+    """
+    nothing = jnp.zeros(jacobian.shape[:2], v.dtype)
+    adjoint = jax.vjp(lambda added: chain(v, added)[0], nothing)[1](weights)[0]
+    curvature = jax.vmap(lambda z, weights: inner(z, weights).curvature)(z, adjoint)
+    around = expansion(lambda v: chain(v, nothing)[0], v, weights)
+    moved = jax.jacfwd(lambda v: chain(v, nothing)[1])(v)
+    pressed = jnp.einsum("izy,iyx->izx", curvature, moved, precision="highest")
+    inside = jnp.einsum("izv,izx->vx", moved, pressed, precision="highest")
+    return around._replace(hessian=around.hessian + inside)

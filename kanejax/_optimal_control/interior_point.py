@@ -30,7 +30,7 @@ from kanejax._optimal_control.stages import (
     values,
 )
 
-FIRST_BARRIER = 0.1
+FIRST_BARRIER = 0.3
 # Waechter and Biegler (2006): equations 5 and 6, 7, 18 to 20, section 3.1.
 _MULTIPLIERS_OF_SIZE = 100.0
 _BARRIER_ERROR, _BARRIER_FACTOR, _BARRIER_POWER, _TO_BOUNDARY = 10.0, 0.2, 1.5, 0.99

@@ -8,10 +8,10 @@ displacements from the given ones, one a speed.
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.linalg import cho_factor, cho_solve
+from jaxtyping import Array, Float
 
 from kanejax._dynamics.curvature import Curvature, inertia_force_curvature
-from kanejax._dynamics.equations_of_motion import forward_dynamics, inverse_dynamics, mass_matrix, passive_force
+from kanejax._dynamics.equations_of_motion import forward_dynamics, inverse_dynamics, mass_matrix
 from kanejax._evaluate import evaluate
 from kanejax._model.model import Model
 from kanejax._optimal_control.composition import Curved, Weigh
@@ -30,28 +30,37 @@ def curved_inverse_dynamics(model: Model, q: Coordinates, u: Speeds, u_dot: Spee
 def curved_forward_dynamics(model: Model, q: Coordinates, u: Speeds, tau: Forces, weigh: Weigh) -> Curved:
     """The rates of the speeds, by displacement, speeds and forces."""
     nv, u_dot = model.nv, forward_dynamics(model, q, u, tau)
-    factor = cho_factor(mass_matrix(model, q), lower=True)
-    weights = cho_solve(factor, weigh(u_dot))
+    inverse = _inverse(mass_matrix(model, q))
+    weights = jnp.sum(inverse * weigh(u_dot)[None], -1)
     needed = curved_inverse_dynamics(model, q, u, u_dot, lambda _: -weights)
-    jacobian = cho_solve(factor, jnp.concatenate((-needed.jacobian[:, : 2 * nv], jnp.eye(nv, dtype=u.dtype)), 1))
+    jacobian = jnp.concatenate((-jnp.matmul(inverse, needed.jacobian[:, : 2 * nv], precision="highest"), inverse), 1)
     state = jnp.zeros((3 * nv, 3 * nv), u.dtype).at[: 2 * nv, : 2 * nv].set(needed.curvature[: 2 * nv, : 2 * nv])
     mixed = jnp.matmul(needed.curvature[:, 2 * nv :], jacobian, precision="highest")
     return Curved(u_dot, jacobian, state + mixed + mixed.T)
 
 
+def _inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Of a symmetric positive matrix, by sweeps: for many small ones at a time, of which LAPACK would take one after another."""
+    for k in range(len(matrix)):
+        pivot, row = matrix[k, k], matrix[k]
+        scaled = (row / pivot).at[k].set(-1.0 / pivot)
+        matrix = (matrix - jnp.outer(row, row) / pivot).at[k].set(scaled).at[:, k].set(scaled)
+    return -matrix
+
+
 def _closed_form(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds, weights: Forces) -> Curvature:
-    """Of inertia forces and rotors, and of springs, dampers and friction, each of which depends on its own joint."""
+    """Of inertia forces and rotors, and of springs, dampers and friction f u / sqrt(u^2 + w^2), each of its own joint."""
     rigid = Curvature(*evaluate(inertia_force_curvature, model, q, u, u_dot, weights))
-
-    def slopes(q: jax.Array, u: jax.Array) -> tuple:
-        force, pull_back = jax.vjp(lambda q, u: passive_force(model, q, u), q, u)
-        return force, pull_back(weights)
-
-    every, none = jnp.ones_like(u), jnp.zeros_like(u)
-    of_q, (qq, uq) = jax.jvp(slopes, (q, u), (every, none))[1]
-    of_u, (_, uu) = jax.jvp(slopes, (q, u), (none, every))[1]
-    changes = (-of_q, -of_u, model.armature, -qq, -uq, -uu, none)
-    return Curvature(*(each + jnp.diag(change) for each, change in zip(rigid, changes, strict=True)))
+    square = model.friction_width * model.friction_width
+    rounded = jax.lax.rsqrt(u * u + square)
+    friction = model.coulomb_friction * square * rounded**3
+    by_u, by_u_twice = model.damping + friction, -3.0 * weights * friction * u * rounded**2
+    return rigid._replace(
+        force_by_q=rigid.force_by_q + jnp.diag(model.stiffness),
+        force_by_u=rigid.force_by_u + jnp.diag(by_u),
+        mass_matrix=rigid.mass_matrix + jnp.diag(model.armature),
+        u_u=rigid.u_u + jnp.diag(by_u_twice),
+    )
 
 
 def _by_differentiation(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds, weigh: Weigh) -> tuple[jax.Array, Curvature]:

@@ -17,7 +17,7 @@ from kanejax._optimal_control.stages import Path
 from kanejax._optimize.displacement import displaced, displacement
 from kanejax._optimize.feasibility import check_finite, check_task, verdict
 from kanejax._optimize.motion import OptimalMotion, motion_of
-from kanejax._optimize.steps import State
+from kanejax._optimize.state import State
 from kanejax._optimize.task import MotionTask
 from kanejax._optimize.transcription import MotionStages
 

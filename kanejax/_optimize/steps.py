@@ -5,43 +5,14 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import lax
-from jaxtyping import Array, Float
 
 from kanejax._dynamics.equations_of_motion import forward_dynamics, inverse_dynamics
-from kanejax._kinematics.coordinate_rates import coordinate_rates
 from kanejax._optimize.curvature import curved_forward_dynamics, curved_inverse_dynamics
 from kanejax._optimize.displacement import displaced
 from kanejax._optimize.moment import Moment
+from kanejax._optimize.runge_kutta import runge_kutta
+from kanejax._optimize.state import State, Step
 from kanejax._optimize.task import MotionTask
-
-
-class State(NamedTuple):
-    """Of a node: coordinates, speeds, forces and accelerations of the step before if they are remembered, and the duration."""
-
-    q: Float[Array, " nq"]
-    u: Float[Array, " nv"]
-    tau: Float[Array, " nv"] | None
-    u_dot: Float[Array, " nv"] | None
-    duration: Float[Array, ""]
-
-
-class Step(NamedTuple):
-    """One time step.
-
-    Attributes:
-        q: coordinates after it.
-        u: speeds after it.
-        moment: that stands for it: limits and constraints hold there.
-        shares: of the moments below in the mean over the step.
-        moments: one after another, on a leading axis.
-    """
-
-    q: jax.Array
-    u: jax.Array
-    moment: Moment
-    shares: jax.Array
-    moments: Moment
 
 
 class Scheme(NamedTuple):
@@ -69,7 +40,7 @@ def step(task: MotionTask, before: State, w: jax.Array, t: jax.Array, h: jax.Arr
     """The motion during the step of length h at time t."""
     way = scheme(task)
     if way is None:
-        return _runge_kutta(task, before, w, t, h)
+        return runge_kutta(task, before, w, t, h)
     place = way.place(task, before, w, h)
     return step_with(task, before, w, DYNAMICS[task.dynamics][0](task.model, *place, w), t, h)
 
@@ -114,30 +85,3 @@ _SCHEMES = {
     ("inverse", "midpoint"): Scheme(_middle, _after_midpoint),
     ("forward", "euler"): Scheme(_begin, _after_euler),
 }
-
-
-def _runge_kutta(task: MotionTask, before: State, w: jax.Array, t: jax.Array, h: jax.Array) -> Step:
-    """All evaluations are one loop, which compiles in a fourth of the time; costs are integrated like the state."""
-    model, d = task.model, h / task.substeps
-    count = 4 * task.substeps
-
-    def evaluation(carry: tuple, each: tuple) -> tuple:
-        start, here, after = carry
-        now, share, ahead, is_last = each
-        moment = Moment(now, here[0], here[1], forward_dynamics(model, here[0], here[1], w), w)
-        rates = coordinate_rates(model, here[0], here[1]), moment.u_dot
-        after = jax.tree.map(lambda x, rate: x + share * d * rate, after, rates)
-        start = jax.tree.map(lambda new, old: jnp.where(is_last, new, old), after, start)
-        here = jax.tree.map(lambda x, rate: x + ahead * d * rate, start, rates)
-        return (start, here, after), moment
-
-    state = before.q, before.u
-    shares, ahead, offset = (jnp.tile(jnp.asarray(each, h.dtype), task.substeps) for each in (_SHARES, _AHEAD, _OFFSETS))
-    numbers = jnp.arange(count)
-    times = t + d * ((numbers // 4).astype(d.dtype) + offset)
-    (end, _, _), moments = lax.scan(evaluation, (state, state, state), (times, shares, ahead, numbers % 4 == 3))
-    return Step(*end, jax.tree.map(lambda x: x[0], moments), shares / task.substeps, moments)
-
-
-# Of the classical method of order four: weights, and the step from the start to the next evaluation and to this one.
-_SHARES, _AHEAD, _OFFSETS = (1 / 6, 1 / 3, 1 / 3, 1 / 6), (0.5, 0.5, 1.0, 0.0), (0.0, 0.5, 0.5, 1.0)

@@ -11,11 +11,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from kanejax._model.tree import SPEEDS
-from kanejax._optimal_control.composition import composed_expansion
+from kanejax._optimal_control.composition import Curved, chained_expansion, composed_expansion
 from kanejax._optimal_control.stages import AbstractStages, Bounds, Expansion, FinalValues, Path, StageValues
+from kanejax._optimize.curvature import curved_forward_dynamics
 from kanejax._optimize.displacement import displaced, displacement
 from kanejax._optimize.moment import Constraint, Cost, Moment
-from kanejax._optimize.steps import DYNAMICS, State, Step, scheme, step, step_with
+from kanejax._optimize.runge_kutta import Linear, runge_kutta
+from kanejax._optimize.state import State, Step
+from kanejax._optimize.steps import DYNAMICS, scheme, step, step_with
 from kanejax._optimize.task import MotionTask
 
 
@@ -48,35 +51,59 @@ class MotionStages(AbstractStages):
 
     def stage(self, k: jax.Array, x: jax.Array, w: jax.Array) -> StageValues:
         """One step."""
-        task = self.task
-        before = self.state(k, x)
-        h = before.duration / task.steps
-        return self._values(k, before, step(task, before, w, k.astype(h.dtype) * h, h), h)
+        before, h = self._start(k, x)
+        return self._values(k, before, step(self.task, before, w, k.astype(h.dtype) * h, h), h)
 
     def expansion(self, k: jax.Array, v: jax.Array, weights: StageValues) -> Expansion:
-        """By the derivatives of the dynamics, where a step asks for them once."""
+        """By the derivatives of the dynamics, where all places that a step asks for them are known."""
         task, nx = self.task, len(weights.next)
-        way = scheme(task)
-        if way is None:
-            return super().expansion(k, v, weights)
-
-        def place(v: jax.Array) -> tuple[State, jax.Array, jax.Array, jax.Array, jax.Array]:
-            before, w = self.state(k, v[:nx]), v[nx:]
-            h = before.duration / task.steps
-            return before, h, *way.place(task, before, w, h), w
-
-        _, _, q, u, w = place(v)
-
-        def arguments(v: jax.Array) -> jax.Array:
-            _, _, there, u, w = place(v)
-            return jnp.concatenate((displacement(task.model.tree, q, there), u, w))
+        curved = DYNAMICS[task.dynamics][1]
 
         def outer(v: jax.Array, found: jax.Array) -> StageValues:
-            before, h, *_, w = place(v)
-            return self._values(k, before, step_with(task, before, w, found, k.astype(h.dtype) * h, h), h)
+            before, h = self._start(k, v[:nx])
+            return self._values(k, before, step_with(task, before, v[nx:], found, k.astype(h.dtype) * h, h), h)
 
-        curved = DYNAMICS[task.dynamics][1]
-        return composed_expansion(outer, arguments, lambda weigh: curved(task.model, q, u, w, weigh), v, weights)
+        if (way := scheme(task)) is not None:
+
+            def place(v: jax.Array) -> tuple[jax.Array, jax.Array]:
+                before, h = self._start(k, v[:nx])
+                return way.place(task, before, v[nx:], h)
+
+            def arguments(v: jax.Array) -> jax.Array:
+                there, u = place(v)
+                return jnp.concatenate((displacement(task.model.tree, q, there), u, v[nx:]))
+
+            q, u = place(v)
+            return composed_expansion(outer, arguments, lambda weigh: curved(task.model, q, u, v[nx:], weigh), v, weights)
+        if task.model.nq != task.model.nv:
+            return super().expansion(k, v, weights)
+
+        return self._chained_expansion(k, v, weights)
+
+    def _chained_expansion(self, k: jax.Array, v: jax.Array, weights: StageValues) -> Expansion:
+        task, nx = self.task, len(weights.next)
+        before, h = self._start(k, v[:nx])
+        moments = step(task, before, v[nx:], k.astype(h.dtype) * h, h).moments
+        z = jnp.concatenate((moments.q, moments.u, moments.tau), 1)
+
+        def inner(z: jax.Array, weights: jax.Array) -> Curved:
+            q, u, tau = jnp.split(z, 3)
+            return curved_forward_dynamics(task.model, q, u, tau, lambda _: weights)
+
+        jacobian = jax.vmap(lambda z: inner(z, jnp.zeros_like(v[nx:])).jacobian)(z)
+
+        def chain(v: jax.Array, added: jax.Array) -> tuple[StageValues, jax.Array]:
+            before, h = self._start(k, v[:nx])
+            linear = Linear(z, moments.u_dot + added, jacobian)
+            taken = runge_kutta(task, before, v[nx:], k.astype(h.dtype) * h, h, linear)
+            return self._values(k, before, taken, h), jnp.concatenate((taken.moments.q, taken.moments.u, taken.moments.tau), 1)
+
+        return chained_expansion(chain, z, inner, v, jacobian, weights)
+
+    def _start(self, k: jax.Array, x: jax.Array) -> tuple[State, jax.Array]:
+        """State k, and the length of the step."""
+        before = self.state(k, x)
+        return before, before.duration / self.task.steps
 
     def _values(self, k: jax.Array, before: State, step: Step, h: jax.Array) -> StageValues:
         rates = _rates(before, step.moment, h)
@@ -134,8 +161,7 @@ class MotionStages(AbstractStages):
         """Each term over the whole motion."""
 
         def along(k: jax.Array, x: jax.Array, w: jax.Array) -> dict[str, jax.Array]:
-            before = self.state(k, x)
-            h = before.duration / self.task.steps
+            before, h = self._start(k, x)
             taken = step(self.task, before, w, k.astype(h.dtype) * h, h)
             return self._cost_along(taken, _rates(before, taken.moment, h), h)
 

@@ -116,7 +116,7 @@ def bar_of(advance):
     """A progress bar that calls this."""
 
     @contextlib.contextmanager
-    def bar(total, show):
+    def bar(what, total, show):
         yield advance
 
     return bar
@@ -128,7 +128,7 @@ def test_an_interrupt_stops_all_threads(pendulum, monkeypatch):
     def interrupt(count):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(batch, "_bar", bar_of(interrupt))
+    monkeypatch.setattr(batch, "progress_bar", bar_of(interrupt))
     with pytest.raises(kj.SimulationInterrupted) as caught:
         kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, threads=2)
     monkeypatch.undo()
@@ -162,7 +162,7 @@ def test_what_finished_before_an_interrupt_is_not_run_again(pendulum, monkeypatc
 
     monkeypatch.setattr(batch, "_run", held)
     monkeypatch.setattr(lanes.Results, "store", recorded)
-    monkeypatch.setattr(batch, "_bar", bar_of(interrupt))
+    monkeypatch.setattr(batch, "progress_bar", bar_of(interrupt))
     with pytest.raises(kj.SimulationInterrupted, match="12 of 40 trajectories were not run") as caught:
         kj.simulate_batch(pendulum, q0, u0, TS, batch_size=2, threads=2, dt0=0.02)
     partial = caught.value.trajectory
