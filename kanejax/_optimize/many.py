@@ -25,8 +25,6 @@ from kanejax._simulate.checks import check_positive
 
 # So many iterations, then searches that have ended make room for others.
 SEGMENT = 8
-# Numbers of states and controls side by side that fill the vector instructions of a core.
-FILLING = 64
 
 # One row of the parameters -> the task, and where to start if it is not the straight line.
 TaskOf = Callable[[Any], MotionTask | tuple[MotionTask, Guess | OptimalMotion]]
@@ -38,7 +36,7 @@ def optimize_batch(
     *,
     tolerance: float | None = None,
     max_iterations: int = 300,
-    batch_size: int | None = None,
+    batch_size: int = 1,
     threads: int | None = None,
     progress: bool = False,
     resume: OptimalMotion | None = None,
@@ -53,7 +51,8 @@ def optimize_batch(
         parameters: arrays with a leading axis, or a pytree of them.
         tolerance: to which the conditions of optimality hold in the end, by default 1e-8 (float32: 1e-3).
         max_iterations: after which a search ends.
-        batch_size: searches that one core makes side by side; by default one on robots, more for small systems.
+        batch_size: searches that one core makes side by side. They wait for each other in every line search, so that on a CPU
+            one is fastest; more fill an accelerator.
         threads: how many of these run side by side; by default one for each core.
         progress: show a progress bar.
         resume: `motion` of an OptimizationInterrupted from the same call.
@@ -70,12 +69,9 @@ def optimize_batch(
     if resume is not None and len(resume.result) != length:
         there_are = f"resume has {len(resume.result)} motions, but there are {length} tasks"
         raise ValueError(f"{there_are}; give those of the interrupted call")
-    first = jax.tree.map(lambda x: jnp.asarray(x[0]), parameters)
-    own = eqx.filter_eval_shape(lambda row: _stages(task, row)[1], first)
     waiting = np.arange(length) if resume is None else np.flatnonzero(np.asarray(resume.result) == Result.NOT_RUN)
     threads = min(cores(), max(len(waiting), 1)) if threads is None else threads
-    size = max(1, FILLING // (own.x.shape[1] + own.w.shape[1]) // 4) if batch_size is None else batch_size
-    size = min(size, max(1, -(-len(waiting) // threads)))
+    size = min(batch_size, max(1, -(-len(waiting) // threads)))
     results = Results(length, None if resume is None else jax.tree.map(np.array, resume), _flag, Result.NOT_RUN)
     counts = run_lanes(_runner(task, parameters, size, tolerance, max_iterations), waiting, size, threads, results.store)
     try:

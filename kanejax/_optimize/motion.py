@@ -6,6 +6,7 @@ from typing import final
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from kanejax._optimal_control.interior_point import Errors, Result, Search
@@ -45,9 +46,9 @@ class OptimalMotion(eqx.Module):
     errors: Errors
 
     @property
-    def converged(self) -> Bool[Array, "*batch"]:
+    def converged(self) -> Bool[Array | np.ndarray, "*batch"]:
         """Whether the conditions of optimality hold to the tolerance."""
-        return self.result == Result.CONVERGED
+        return self.result == int(Result.CONVERGED)
 
 
 def motion_of(stages: MotionStages, search: Search) -> OptimalMotion:
