@@ -55,30 +55,32 @@ class MotionStages(AbstractStages):
         return self._values(k, before, step(self.task, before, w, k.astype(h.dtype) * h, h), h)
 
     def expansion(self, k: jax.Array, v: jax.Array, weights: StageValues) -> Expansion:
-        """By the derivatives of the dynamics, where all places that a step asks for them are known."""
-        task, nx = self.task, len(weights.next)
-        curved = DYNAMICS[task.dynamics][1]
+        """By the derivatives of the dynamics, where coordinates change by their speeds or a step asks for them once."""
+        if scheme(self.task) is not None:
+            return self._composed_expansion(k, v, weights)
+        if self.task.model.nq == self.task.model.nv:
+            return self._chained_expansion(k, v, weights)
+        return super().expansion(k, v, weights)
+
+    def _composed_expansion(self, k: jax.Array, v: jax.Array, weights: StageValues) -> Expansion:
+        task, nx, way = self.task, len(weights.next), scheme(self.task)
+        assert way is not None
+
+        def place(v: jax.Array) -> tuple[jax.Array, jax.Array]:
+            before, h = self._start(k, v[:nx])
+            return way.place(task, before, v[nx:], h)
+
+        def arguments(v: jax.Array) -> jax.Array:
+            there, u = place(v)
+            return jnp.concatenate((displacement(task.model.tree, q, there), u, v[nx:]))
 
         def outer(v: jax.Array, found: jax.Array) -> StageValues:
             before, h = self._start(k, v[:nx])
             return self._values(k, before, step_with(task, before, v[nx:], found, k.astype(h.dtype) * h, h), h)
 
-        if (way := scheme(task)) is not None:
-
-            def place(v: jax.Array) -> tuple[jax.Array, jax.Array]:
-                before, h = self._start(k, v[:nx])
-                return way.place(task, before, v[nx:], h)
-
-            def arguments(v: jax.Array) -> jax.Array:
-                there, u = place(v)
-                return jnp.concatenate((displacement(task.model.tree, q, there), u, v[nx:]))
-
-            q, u = place(v)
-            return composed_expansion(outer, arguments, lambda weigh: curved(task.model, q, u, v[nx:], weigh), v, weights)
-        if task.model.nq != task.model.nv:
-            return super().expansion(k, v, weights)
-
-        return self._chained_expansion(k, v, weights)
+        q, u = place(v)
+        curved = DYNAMICS[task.dynamics][1]
+        return composed_expansion(outer, arguments, lambda weigh: curved(task.model, q, u, v[nx:], weigh), v, weights)
 
     def _chained_expansion(self, k: jax.Array, v: jax.Array, weights: StageValues) -> Expansion:
         task, nx = self.task, len(weights.next)

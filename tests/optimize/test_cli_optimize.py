@@ -1,6 +1,7 @@
 """The command `kanejax optimize`: files, exit codes, what it keeps, and what it refuses."""
 
 import json
+import pathlib
 import re
 
 import jax.numpy as jnp
@@ -230,3 +231,16 @@ def test_broken_file_of_a_search_is_not_used(tmp_path):
     assert (kept.stale, bool(kept)) == (True, False)
     assert not kept.write()
     assert path.read_bytes() == b"half a fi"
+
+
+def test_task_of_the_guide(folder):
+    guide = pathlib.Path(kj.__file__).parents[1] / "docs" / "optimization.md"
+    (text,) = re.findall(r"```toml\n(.*?)```", guide.read_text(), re.DOTALL)
+    fewer = "[solver]\nsteps = 10\n[output]\nreport = false\nreplay = false\n"
+    result = run(folder, text + fewer, "--json", out="guide")
+    assert result.exit_code == 0, result.output
+    record = json.loads(result.stdout)
+    assert 0.3 < record["duration"] < 3.0
+    arm, found = kj.load(folder / "arm.urdf"), arrays(folder / "guide/motion.npz")
+    end = kj.poses(arm, jnp.asarray(found["q"][-1])).origin[arm.tree.body("tool")]
+    np.testing.assert_allclose(end, [0.3, 0.0, -0.6], atol=1e-7)

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import kanejax as kj
 from kanejax import constraints, costs
@@ -21,18 +22,34 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody>
 </worldbody></mujoco>"""
 
 
-def task(dynamics, integrator, duration):
+CART_POLE = """<mujoco><worldbody><body><joint name="slide" type="slide" axis="1 0 0"/>
+  <inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/>
+  <body><joint name="hinge" axis="0 -1 0" damping=".2"/><inertial pos="0 0 -.5" mass=".3" diaginertia=".01 .01 .01"/></body>
+  </body></worldbody></mujoco>"""
+
+
+def jointed_by_a_ball():
+    """Differentiated, and composed with the midpoint rule; all kinds of limits."""
     model = kj.load(ARM)
     start, goal = np.array([1.0, 0.0, 0.0, 0.0, 0.2, 0.1]), np.array([0.9, 0.1, -0.3, 0.2, 0.5, -0.1])
     terms = (costs.torque(), costs.torque_rate(0.1), costs.energy(), costs.acceleration(0.2), costs.duration(0.3))
     limits = kj.Limits(model, tau=20.0, power=30.0, u_dot=50.0, jerk=1e3)
     clear = constraints.sphere_clearance("slide", 0.05, [0.3, 0.0, 0.2], 0.1)
-    options = {"limits": limits, "constraints": clear, "steps": 3, "dynamics": dynamics, "integrator": integrator}
-    return kj.MotionTask(model, start, goal, duration, terms, **options)
+    return kj.MotionTask(model, start, goal, (0.5, 1.0), terms, limits=limits, constraints=clear, steps=3)
 
 
-def test_expansion_of_a_stage():
-    asked = task("inverse", "midpoint", (0.5, 1.0))
+def with_several_evaluations_a_step():
+    """In closed form, and chained along the method of Runge and Kutta."""
+    model = kj.load(CART_POLE)
+    terms = (costs.torque(), costs.energy(), costs.jerk(0.1))
+    limits = kj.Limits(model, power=20.0, u_dot=30.0)
+    options = {"limits": limits, "steps": 3, "substeps": 2}
+    return kj.MotionTask(model, [0.0, 0.0], [1.0, np.pi], (1.0, 3.0), terms, dynamics="forward", **options)
+
+
+@pytest.mark.parametrize("task", [jointed_by_a_ball, with_several_evaluations_a_step])
+def test_expansion_of_a_stage(task):
+    asked = task()
     guess = kj.straight_guess(asked)
     stages = MotionStages(asked, guess.q)
     path = first_path(stages, guess)
