@@ -108,6 +108,7 @@ if _typing.TYPE_CHECKING:
     from kanejax._logs.motion import Motion as Motion, split as split
     from kanejax._logs.processing import motions as motions
     from kanejax._logs.read_log import read_log as read_log
+    from kanejax._optimize.bent_guess import bent_guess as bent_guess
     from kanejax._optimize.feasibility import (
         InfeasibleTaskError as InfeasibleTaskError,
         NonFiniteTaskError as NonFiniteTaskError,
@@ -179,6 +180,7 @@ else:
         "_logs.motion": ("Motion", "split"),
         "_logs.processing": ("motions",),
         "_logs.read_log": ("read_log",),
+        "_optimize.bent_guess": ("bent_guess",),
         "_optimize.feasibility": ("InfeasibleTaskError", "NonFiniteTaskError"),
         "_optimize.limits": ("Limits",),
         "_optimize.moment": ("Constraint", "Cost", "Moment"),

@@ -60,7 +60,7 @@ def searched(file: TaskFile, kept: KeptSearch, progress: Callable[[int, OptimalM
             progress(number, motion)
 
         line = file.guess or straight_guess(file.task)
-        guess = line if number == 0 else bent_guess(file.task, line, file.bend, (file.seed, number))
+        guess = line if number == 0 else bent_guess(file.task, _heights(file, number), line)
         search = kept.search if resume else None
         try:
             motion = optimize(file.task, guess, progress=shown, keep=kept.at, search=search, **file.options)
@@ -86,3 +86,8 @@ def searched(file: TaskFile, kept: KeptSearch, progress: Callable[[int, OptimalM
         best = from_guess(wanted, resume=False)
     assert best is not None, "the first guess has a motion, and the best one has"
     return Found(best, kept.costs or [best.cost])
+
+
+def _heights(file: "TaskFile", number: int) -> np.ndarray:
+    """Of the waves of a guess; the same for the same seed."""
+    return file.bend * np.random.default_rng((file.seed, number)).normal(size=(2, 3, file.task.model.nv))
