@@ -81,8 +81,9 @@ def test_limits_a_place_and_a_free_duration_have_the_same_optimum_and_multiplier
     for field in ("q", "u", "tau"):
         assert relative(getattr(motion, field), getattr(own, field)) < 1e-4
     assert relative(search.point.multiplier, own_search.point.multiplier) < 1e-4
-    for mine, other in ((search.point.stage, own_search.point.stage), (search.point.final, own_search.point.final)):
-        assert relative(mine.z[1] - mine.z[0], other.z[1] - other.z[0]) < 1e-4
+    mine, others = ([each.z[1] - each.z[0] for each in (one.point.stage, one.point.final)] for one in (search, own_search))
+    joined = [np.concatenate([np.ravel(each) for each in pair]) for pair in (mine, others)]
+    assert relative(*joined) < 1e-4
     assert relative(search.point.final.nu, own_search.point.final.nu) < 1e-4
 
 

@@ -20,7 +20,7 @@ def optimum(arm, x):
     model = arm.replace(mass=arm.mass.at[1].set(mass), body_position=arm.body_position.at[1, 2].set(-length))
     limits = kj.Limits(model, u=most, tau=jnp.stack((torque, torque)))
     terms = (costs.torque(), costs.duration(weight))
-    return kj.optimal_motion(kj.MotionTask(model, [-1.0, 0.5], goal, (0.3, 3.0), terms, limits=limits, steps=12), tolerance=1e-9)
+    return kj.optimal_motion(kj.MotionTask(model, [-1.0, 0.5], goal, (0.3, 3.0), terms, limits=limits, steps=12), tolerance=1e-11)
 
 
 def summary(motion):
