@@ -11,8 +11,6 @@ ROBOTS = {
     "example-robot-data": (
         "panda_description/urdf/panda.urdf",
         "ur_description/urdf/ur5_robot.urdf",
-        "double_pendulum_description/urdf/double_pendulum_continuous.urdf",
-        "solo_description/robots/solo12.urdf",
         "tiago_description/robots/tiago_no_hand.urdf",
         "baxter_description/urdf/baxter.urdf",
         "talos_data/robots/talos_reduced.urdf",
@@ -25,7 +23,7 @@ ROBOTS = {
     ),
 }
 IN_FLOAT32 = ("ur5_robot.urdf",)
-QUICK = ("panda.urdf", "double_pendulum_continuous.urdf", "talos_reduced.urdf", "fish.xml")
+QUICK = ("panda.urdf", "talos_reduced.urdf", "fish.xml")
 
 
 def path_of(package: str, name: str) -> Path:
