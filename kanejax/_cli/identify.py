@@ -11,13 +11,13 @@ import typer
 from rich.text import Text
 
 from kanejax._cli.terminal import (
-    BAD_INPUT,
     FAILED,
     Json,
     Repair,
     Robot,
     Strict,
     Unphysical,
+    check_report_packages,
     complain,
     console,
     logbook,
@@ -86,7 +86,7 @@ def identify(
             begun, held_out = time.perf_counter(), validation or []
             with spinner("reading"):
                 inputs = read_inputs(robot, logs, held_out, config, repair=repair, strict=strict, allow_unphysical=allow_unphysical)
-            _check_packages(inputs)
+            check_report_packages(inputs.output, "configuration")
             out.mkdir(parents=True, exist_ok=True)
             say = logbook(out / LOG_NAME)
             files = {"Robot": robot, "Logs": _listed(logs), "Held-out logs": _listed(held_out), "Configuration": str(config or "")}
@@ -169,20 +169,6 @@ def _reported(
     for problem in problems:
         complain(problem, "warning: ")
     return found.converged and not inconsistent_bodies(found)
-
-
-def _check_packages(inputs: "Inputs") -> None:
-    """Refuse, before anything is computed, to write a report without the packages for it."""
-    from kanejax._identify.report.svg import report_package
-
-    if not inputs.output.get("report", True):
-        return
-    try:
-        for package in ("jinja2", "matplotlib"):
-            report_package(package)
-    except ImportError as error:
-        complain(f"{error}; or say report = false in [output] of the configuration")
-        raise typer.Exit(BAD_INPUT) from error
 
 
 def _listed(paths: list[Path]) -> str:

@@ -11,12 +11,12 @@ import typer
 from rich.text import Text
 
 from kanejax._cli.terminal import (
-    BAD_INPUT,
     FAILED,
     Json,
     Repair,
     Strict,
     Unphysical,
+    check_report_packages,
     complain,
     console,
     load,
@@ -75,7 +75,7 @@ def optimize(
             options = {"strict": strict, "repair": repair, "allow_unphysical": allow_unphysical}
             with spinner("reading"):
                 file = read_task(task, lambda robot: load(robot, **options))
-            _check_packages(file)
+            check_report_packages(file.output, "task")
             out.mkdir(parents=True, exist_ok=True)
             say = logbook(out / LOG_NAME)
             for line in (f"Task: {task}", f"Robot: {file.robot.origin}", *_notes(file)):
@@ -141,20 +141,6 @@ def _kept_when_interrupted(kept: "KeptSearch", out: Path, say: "Callable[[str], 
         say(done)
         complain(f"{out}: {done}", "")
         raise
-
-
-def _check_packages(file: "TaskFile") -> None:
-    """Refuse, before anything is computed, to draw without the packages for it."""
-    from kanejax._identify.report.svg import report_package
-
-    if not file.output.get("report", True):
-        return
-    try:
-        for package in ("jinja2", "matplotlib"):
-            report_package(package)
-    except ImportError as error:
-        complain(f"{error}; or say report = false in [output] of the task")
-        raise typer.Exit(BAD_INPUT) from error
 
 
 def _fingerprint(file: "TaskFile") -> str:

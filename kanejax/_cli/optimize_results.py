@@ -12,7 +12,6 @@ from rich.text import Text
 from kanejax._cli.optimize_search import Found
 from kanejax._cli.terminal import whole_file, write_arrays, write_json
 from kanejax._identify.record import plain, versions
-from kanejax._model.tree import COORDINATES, SPEEDS, Tree
 from kanejax._motion_task.task_file import TaskFile
 from kanejax._optimal_control.interior_point import Result
 from kanejax._optimize.motion import OptimalMotion
@@ -39,7 +38,7 @@ def motion_record(
 ) -> dict[str, Any]:
     """Everything but the motion over time, for `json.dump`."""
     motion, task = found.best.motion, file.task
-    names = speed_names(task.model.tree)
+    names = task.model.tree.speed_names
     return plain(
         {
             **details,
@@ -75,8 +74,8 @@ def write_motion(folder: Path, file: TaskFile, motion: OptimalMotion, record: Ma
     write_arrays(paths[1], {**arrays, "joint_names": np.array(tree.joint_names), "converged": np.array(record["converged"])})
     # Forces and accelerations hold during a step; those of the last one stand in the last row too.
     columns = [motion.q, motion.u, *(np.concatenate((each, each[-1:])) for each in (motion.u_dot, motion.tau))]
-    header = ["time", *(f"position_{name}" for name in coordinate_names(tree))]
-    header += [f"{what}_{name}" for what in ("velocity", "acceleration", "effort") for name in speed_names(tree)]
+    header = ["time", *(f"position_{name}" for name in tree.coordinate_names)]
+    header += [f"{what}_{name}" for what in ("velocity", "acceleration", "effort") for name in tree.speed_names]
     with whole_file(paths[2]) as partial, partial.open("w", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(header)
@@ -133,26 +132,11 @@ def sentences(record: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def coordinate_names(tree: Tree) -> list[str]:
-    """Of each coordinate, by joint."""
-    return _names(tree, COORDINATES)
-
-
-def speed_names(tree: Tree) -> list[str]:
-    """Of each speed, by joint."""
-    return _names(tree, SPEEDS)
-
-
-def _names(tree: Tree, sizes: Mapping[str, int]) -> list[str]:
-    pairs = zip(tree.joint_names, tree.joint_types, strict=True)
-    return [name if sizes[kind] == 1 else f"{name}[{i}]" for name, kind in pairs for i in range(sizes[kind])]
-
-
 def _greatest(values: Any) -> np.ndarray:
     return np.abs(np.asarray(values)).max(0)
 
 
-def _replay(replay: Deviation | str, names: list[str]) -> dict[str, Any]:
+def _replay(replay: Deviation | str, names: tuple[str, ...]) -> dict[str, Any]:
     if isinstance(replay, str):
         return {"problem": replay}
     rows = {"q": _greatest(replay.q), "u": _greatest(replay.u), "q_at_end": np.abs(replay.q[-1]), "u_at_end": np.abs(replay.u[-1])}

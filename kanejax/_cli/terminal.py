@@ -163,3 +163,17 @@ def print_differences(report: "LoadReport") -> None:
     ):
         for sentence in sentences:
             console().print(Text.assemble((f"{heading}: ", "yellow"), sentence), soft_wrap=True)
+
+
+def check_report_packages(output: Mapping[str, Any], file: str) -> None:
+    """Refuse, before anything is computed, to write a report without the packages for it."""
+    from kanejax._identify.report.svg import report_package
+
+    if not output.get("report", True):
+        return
+    try:
+        for package in ("jinja2", "matplotlib"):
+            report_package(package)
+    except ImportError as error:
+        complain(f"{error}; or say report = false in [output] of the {file}")
+        raise typer.Exit(BAD_INPUT) from error

@@ -81,6 +81,20 @@ class Tree:
         return _starts(SPEEDS[kind] for kind in self.joint_types)
 
     @functools.cached_property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Of each generalized coordinate: its joint's, numbered where that has several."""
+        return self._numbered(COORDINATES)
+
+    @functools.cached_property
+    def speed_names(self) -> tuple[str, ...]:
+        """Of each generalized speed: its joint's, numbered where that has several."""
+        return self._numbered(SPEEDS)
+
+    def _numbered(self, sizes: dict[str, int]) -> tuple[str, ...]:
+        counts = [(name, sizes[kind]) for name, kind in zip(self.joint_names, self.joint_types, strict=True)]
+        return tuple(name if count == 1 else f"{name}[{i}]" for name, count in counts for i in range(count))
+
+    @functools.cached_property
     def speed_joints(self) -> np.ndarray:
         """The joint that each generalized speed belongs to."""
         return np.repeat(np.arange(self.njoint), [SPEEDS[kind] for kind in self.joint_types]).astype(int)

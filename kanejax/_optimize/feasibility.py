@@ -1,5 +1,6 @@
 """Tasks that cannot be fulfilled, and searches that did not fulfil them, in words."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -8,7 +9,6 @@ import numpy as np
 from jax.core import Tracer
 
 from kanejax._errors import KanejaxError
-from kanejax._model.tree import SPEEDS
 from kanejax._optimal_control import barrier
 from kanejax._optimal_control.interior_point import Result, Search
 from kanejax._optimal_control.stages import Path, bounded, values
@@ -37,7 +37,7 @@ def check_task(task: MotionTask) -> None:
         return
     tree, limits = task.model.tree, task.limits
     (rows_v, rows_q), ends = tree.plain_speeds, (("start", task.start), ("goal", task.goal))
-    names = _joint_names(task)
+    names = tree.speed_names
     for where, state in ends:
         for what, values_, pair in (
             ("coordinate", None if state.q is None else np.asarray(state.q)[rows_q], np.asarray(limits.q)[:, rows_v]),
@@ -58,7 +58,7 @@ def check_task(task: MotionTask) -> None:
             )
 
 
-def _check_within(where: str, what: str, values_: np.ndarray, pair: np.ndarray, names: list[str]) -> None:
+def _check_within(where: str, what: str, values_: np.ndarray, pair: np.ndarray, names: Sequence[str]) -> None:
     room = _ROUNDING * np.maximum(1.0, np.abs(values_))
     bad = (values_ < pair[0] - room) | (values_ > pair[1] + room)
     if bad.any():
@@ -71,11 +71,6 @@ def _check_within(where: str, what: str, values_: np.ndarray, pair: np.ndarray, 
 
 def _array(limits: Any) -> np.ndarray | None:
     return None if limits is None else np.asarray(limits)
-
-
-def _joint_names(task: MotionTask) -> list[str]:
-    tree = task.model.tree
-    return [name for name, kind in zip(tree.joint_names, tree.joint_types, strict=True) for _ in range(SPEEDS[kind])]
 
 
 def check_finite(stages: MotionStages, path: Path) -> None:

@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from kanejax._model.tree import SPEEDS
 from kanejax._optimal_control.composition import Curved, chained_expansion, composed_expansion
 from kanejax._optimal_control.stages import AbstractStages, Bounds, Expansion, FinalValues, Path, StageValues
 from kanejax._optimize.curvature import curved_forward_dynamics
@@ -146,10 +145,7 @@ class MotionStages(AbstractStages):
     def row_names(self) -> tuple[list[str], list[str]]:
         """What has bounds at a stage and at the last node, in words."""
         task, tree = self.task, self.task.model.tree
-        joints = [""] * task.model.nv
-        for name, v, kind in zip(tree.joint_names, tree.v_start, tree.joint_types, strict=True):
-            count = SPEEDS[kind]
-            joints[v : v + count] = [name if count == 1 else f"{name}[{i}]" for i in range(count)]
+        joints = tree.speed_names
         of_nodes = [f"{what} of {joint}" for what in ("coordinate", "speed", *self.task.remembers) for joint in joints]
         of_nodes += ["duration"] * self.task.is_free_in_time
         sought = "acceleration" if task.dynamics == "inverse" else "force"

@@ -8,7 +8,6 @@ import numpy as np
 
 from kanejax._identify.report.numbers import number
 from kanejax._identify.report.svg import drawing, report_package, svg
-from kanejax._model.tree import SPEEDS
 from kanejax._motion_task.report.pictures import motion_figure, on_paper, panels
 from kanejax._motion_task.report.skeleton import animation
 from kanejax._motion_task.task_file import TaskFile
@@ -102,17 +101,15 @@ def _joint_rows(task: MotionTask, motion: OptimalMotion) -> list[tuple[str, list
     """Least and greatest values and limits of each speed; of coordinates only where there is one a speed."""
     tree, rows = task.model.tree, []
     plain = dict(zip(*(each.tolist() for each in tree.plain_speeds), strict=True))
-    for joint, (name, kind) in enumerate(zip(tree.joint_names, tree.joint_types, strict=True)):
-        for i in range(SPEEDS[kind]):
-            v = tree.v_start[joint] + i
-            columns = {"q": plain.get(v), "u": v, "tau": v}
-            cells = [
-                {"span": "", "limits": "", "at_limit": False}
-                if column is None
-                else _cell(np.asarray(getattr(motion, field))[:, column], getattr(task.limits, field), v)
-                for field, column in columns.items()
-            ]
-            rows.append((name if SPEEDS[kind] == 1 else f"{name}[{i}]", cells))
+    for v, name in enumerate(tree.speed_names):
+        columns = {"q": plain.get(v), "u": v, "tau": v}
+        cells = [
+            {"span": "", "limits": "", "at_limit": False}
+            if column is None
+            else _cell(np.asarray(getattr(motion, field))[:, column], getattr(task.limits, field), v)
+            for field, column in columns.items()
+        ]
+        rows.append((name, cells))
     return rows
 
 
