@@ -4,7 +4,7 @@ Kane's equations weighted with virtual speeds lambda, sum_r lambda_r tau_r, are 
 wrench times the virtual velocity V, which the partial velocities of Nie (3.46) make of lambda. Turning a joint moves all links
 outside it as one rigid body; seen from that body, the velocity v, the acceleration a and the virtual velocity V of its carrier
 turn back. So every derivative is the answer of a composite body, the joint and all outside it, to three uniform changes: of V, of v
-and of a. All is in world axes about the world's origin, where composite bodies are plain sums, and a second derivative by a pair
+and of a. All is in world axes about one point, where composite bodies are plain sums, and a second derivative by a pair
 of joints is a few products of vectors of the inner and of the outer one. The composites are those of Singh, Russell and Wensing
 (2022, Efficient analytical derivatives of rigid-body dynamics using spatial vector algebra), contracted with lambda.
 """
@@ -64,7 +64,7 @@ class Curvature(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """Mass, first and second moment about the world's origin."""
+    """Mass, first and second moment about the common point."""
 
     mass: Scalar
     first: Vector
@@ -153,6 +153,8 @@ class _Answers(NamedTuple):
 def _axes_and_bodies(tree: Tree, prepared: Prepared, q: jax.Array) -> tuple[Spatial, _Body]:
     links = prepared.links
     rotation, origin = barrier(tuple(world_frames(tree, links, displacement(tree, prepared, q))))
+    # About the first link, for digits are lost where the world's origin is far.
+    origin = _each(lambda x: x - x[:1], origin)
     slides = np.array([kind == "prismatic" for kind in tree.joint_types]).reshape(-1, *[1] * (q.ndim - 1))
     z = column(rotation, 2)
     about = cross(origin, z)
@@ -163,7 +165,7 @@ def _axes_and_bodies(tree: Tree, prepared: Prepared, q: jax.Array) -> tuple[Spat
     first = plus(turned, scale(mass, origin))
     xx, yy, zz, xy, xz, yz = (_rows(links.second_moment[:, i], q) for i in range(6))
     second = rotate_symmetric(rotation, (xx, yy, zz, xy, xz, yz))
-    # Sum of m (p + r)(p + r)' = R J R' + p h' + (R m r) p' with h the first moment about the world's origin.
+    # Sum of m (p + r)(p + r)' = R J R' + p h' + (R m r) p' with h the first moment about the common point.
     moved = tuple(
         add(mul(origin[i], first[j]), mul(turned[i], origin[j])) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     )
