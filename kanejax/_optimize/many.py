@@ -12,13 +12,7 @@ import numpy as np
 from kanejax._lanes import Results, cores, progress_bar, run_lanes
 from kanejax._optimal_control.interior_point import Result, Search, first_search, searched
 from kanejax._optimize.motion import OptimalMotion, motion_of
-from kanejax._optimize.optimize import (
-    Guess,
-    OptimizationInterrupted,
-    first_path,
-    straight_guess,
-    tolerance_of,
-)
+from kanejax._optimize.optimize import Guess, OptimizationInterrupted, first_path, straight_guess, tolerance_of
 from kanejax._optimize.task import MotionTask
 from kanejax._optimize.transcription import MotionStages
 from kanejax._simulate.checks import check_positive
@@ -105,9 +99,9 @@ def _runner(task: TaskOf, parameters: Any, size: int, tolerance: float | None, m
     parameters = jax.tree.map(np.asarray, parameters)
     limits = jnp.asarray(max_iterations if size == 1 else SEGMENT), jnp.asarray(max_iterations)
 
-    def run(rows: np.ndarray, before: Any, fresh: np.ndarray) -> tuple[Search, jax.Array, OptimalMotion]:
+    def run(rows: np.ndarray, before: Any, fresh: np.ndarray) -> tuple[Search | None, jax.Array, OptimalMotion]:
         chosen = jax.tree.map(lambda x: x[rows], parameters)
-        if before is None:
+        if before is None and size > 1:
             shapes = eqx.filter_eval_shape(_run, task, chosen, None, fresh, limits, tolerance)[0]
             before = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
         return _run(task, chosen, before, fresh, limits, tolerance)
@@ -126,8 +120,11 @@ def _stages(task: TaskOf, row: Any) -> tuple[MotionStages, Any]:
 @eqx.filter_jit
 def _run(
     task: TaskOf, parameters: Any, before: Search | None, fresh: Any, limits: tuple[jax.Array, jax.Array], tolerance: float | None
-) -> tuple[Search, jax.Array, OptimalMotion]:
-    """A segment: what the next one goes on with, which searches are unfinished, and the motions."""
+) -> tuple[Search | None, jax.Array, OptimalMotion]:
+    """A segment: what the next one goes on with, which searches are unfinished, and the motions.
+
+    One search alone comes to its end, and nothing goes on.
+    """
     length, most = limits
 
     def one(row: Any, before: Search | None, fresh: jax.Array) -> tuple[Search, jax.Array, OptimalMotion]:
@@ -144,4 +141,5 @@ def _run(
     if len(fresh) > 1:
         return jax.vmap(one)(*lanes)
     # Conditionals and loops of one search take half the time of those of a batch of one.
-    return jax.tree.map(lambda x: x[None], one(*jax.tree.map(lambda x: x[0], lanes)))
+    _, unfinished, motion = one(*jax.tree.map(lambda x: x[0], lanes))
+    return None, *jax.tree.map(lambda x: x[None], (unfinished, motion))

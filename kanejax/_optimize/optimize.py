@@ -143,7 +143,7 @@ def optimize(
     solver: str = "interior_point",
     ipopt_options: Mapping[str, Any] | None = None,
 ) -> OptimalMotion:
-    """The motion of least cost near a guess, with a verdict where there is none; see `optimal_motion` for many at once.
+    """The motion of least cost near a guess, with a verdict where there is none; see `optimize_batch` for many at once.
 
     Args:
         task: what is asked for.
