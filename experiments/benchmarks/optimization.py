@@ -61,7 +61,7 @@ BESIDE = (
     *("times faster than IPOPT", "ms an iteration", "IPOPT", "FDDP", "target for the cost", "target for an iteration"),
 )
 OF_BATCHES = (
-    *("", "ms a task", "converged", "iterations", "IPOPT", "converged", "iterations"),
+    *("", "ms a task", "converged", "iterations", "from a straight line", "IPOPT", "converged", "iterations"),
     *("same cost", "lower", "higher", "FDDP", "converged", "times faster than IPOPT", "than FDDP", "target", "target"),
     "target for convergence",
 )
@@ -124,7 +124,7 @@ def batch(each: Batch, peer: str, quick: bool) -> tuple[tuple, dict]:
         return asked, kj.bent_guess(asked, heights)
 
     kj.optimize_batch(task, jax.tree.map(lambda x: x[:1], rows))
-    seconds, found = _timed(lambda: _with_second_chances(task, rows))
+    seconds, (found, at_once) = _timed(lambda: _with_second_chances(task, rows))
     own: dict[str, Any] = {"seconds": [seconds / len(found.cost)]}
     own |= {name: np.asarray(getattr(found, name)).tolist() for name in ("cost", "converged", "iterations")}
     sample = {name: values[:count] for name, values in own.items()}
@@ -132,13 +132,14 @@ def batch(each: Batch, peer: str, quick: bool) -> tuple[tuple, dict]:
     ratios = [other / ours[0] if other else "" for other in (ipopt[0], fddp[0])]
     verdicts = [at_least(ratio, FASTER) if ratio else "" for ratio in ratios]
     enough = at_least(float(np.mean(own["converged"])), CONVERGED)
-    row = each.name, *ours, *ipopt, *_compared(sample, told["ipopt"]), *fddp, *ratios, *verdicts, enough
+    row = each.name, *ours, at_once, *ipopt, *_compared(sample, told["ipopt"]), *fddp, *ratios, *verdicts, enough
     return row, {"kanejax": own, **told}
 
 
-def _with_second_chances(task: Callable, rows: tuple) -> kj.OptimalMotion:
-    """Searches that do not converge from a straight line start again from bent ones."""
+def _with_second_chances(task: Callable, rows: tuple) -> tuple[kj.OptimalMotion, int]:
+    """Searches that do not converge from a straight line start again from bent ones; and how many did from it."""
     found, (arrays, none), rng = kj.optimize_batch(task, rows), rows, np.random.default_rng(1)
+    at_once = int(np.sum(found.converged))
     for _ in range(CHANCES):
         failed = np.flatnonzero(~np.asarray(found.converged))
         if len(failed) == 0:
@@ -147,7 +148,7 @@ def _with_second_chances(task: Callable, rows: tuple) -> kj.OptimalMotion:
         again = kj.optimize_batch(task, (tuple(x[failed] for x in arrays), heights))
         for whole, part in zip(jax.tree.leaves(found), jax.tree.leaves(again), strict=True):
             whole[failed] = part
-    return found
+    return found, at_once
 
 
 def _means(solved: dict[str, Any]) -> tuple[Any, ...]:
@@ -182,7 +183,7 @@ def _from_many(problem: Problem) -> tuple:
     return (name, cost, problem.best, converged, *numbers, at_most(cost, problem.best * (1.0 + TARGET)))
 
 
-def _timed(function: Callable[[], kj.OptimalMotion]) -> tuple[float, kj.OptimalMotion]:
+def _timed[T](function: Callable[[], T]) -> tuple[float, T]:
     begin = time.perf_counter()
     found = jax.block_until_ready(function())
     return time.perf_counter() - begin, found
