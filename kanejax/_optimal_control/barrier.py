@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from kanejax._optimal_control.products import product
+
 # How far slacks start from zero, for bounds of size one.
 _PUSH = 1e-2
 # Multipliers stay within this factor of mu / s (Waechter and Biegler 2006, equation 16).
@@ -106,7 +108,7 @@ def reset(before: Slacks, after: Slacks, y: jax.Array, bounds: jax.Array, fracti
 def bent(rows: Float[Array, "n own"], weights: Float[Array, " own+n"]) -> Float[Array, "own own"]:
     """Curvature by states and controls from that by states, controls and rows."""
     own = rows.shape[1]
-    return jnp.diag(weights[:own]) + jnp.matmul(rows.T, weights[own:, None] * rows, precision="highest")
+    return jnp.diag(weights[:own]) + product(rows.T, weights[own:, None] * rows)
 
 
 def pulled(rows: jax.Array, weights: jax.Array) -> jax.Array:

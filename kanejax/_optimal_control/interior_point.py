@@ -17,6 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from kanejax._optimal_control import barrier
 from kanejax._optimal_control.barrier import Slacks
+from kanejax._optimal_control.products import product
 from kanejax._optimal_control.riccati import Quadratic, Slopes, Step, minimizer
 from kanejax._optimal_control.stages import (
     AbstractStages,
@@ -172,12 +173,13 @@ def searched(stages: AbstractStages, search: Search, iterations: int | jax.Array
     def runs(search: Search) -> jax.Array:
         return (search.result == Result.RUNNING) & (search.iterations < last)
 
-    return lax.while_loop(runs, lambda search: _iteration(stages, search, tolerance), search)
+    bounds = stages.bounds()
+    return lax.while_loop(runs, lambda search: _iteration(stages, bounds, search, tolerance), search)
 
 
-def _iteration(stages: AbstractStages, search: Search, tolerance: jax.Array) -> Search:
+def _iteration(stages: AbstractStages, bounds: Bounds, search: Search, tolerance: jax.Array) -> Search:
     point = search.point
-    here = _here(stages, search)
+    here = _here(stages, bounds, search)
     errors = errors_at(here, point)
     # Near a saddle the barrier's problem seems solved, and with a lower barrier the way along its negative curvature is short.
     held = (search.negative > 0) & (search.negative <= _HELD)
@@ -207,12 +209,12 @@ def _iteration(stages: AbstractStages, search: Search, tolerance: jax.Array) -> 
     )
 
 
-def _here(stages: AbstractStages, search: Search) -> Here:
+def _here(stages: AbstractStages, bounds: Bounds, search: Search) -> Here:
     point = search.point
     nx, nw = point.path.x.shape[1], point.path.w.shape[1]
     of_rows, of_final = barrier.multiplier(point.stage)[:, nx + nw :], barrier.multiplier(point.final)[nx:]
     at = derivatives(stages, point.path, search.scale, point.multiplier, of_rows, of_final)
-    return Here(at, *bounded(point.path, at.values.rows, at.final.rows), stages.bounds())
+    return Here(at, *bounded(point.path, at.values.rows, at.final.rows), bounds)
 
 
 def _cost(values: StageValues, final: FinalValues) -> jax.Array:
@@ -222,7 +224,7 @@ def _cost(values: StageValues, final: FinalValues) -> jax.Array:
 def errors_at(here: Here, point: Point) -> Errors:
     at, nx = here.at, point.path.x.shape[1]
     of_stage = at.cost + barrier.pulled(at.rows, barrier.multiplier(point.stage))
-    of_stage = of_stage + jnp.einsum("kxv,kx->kv", at.next, point.multiplier, precision="highest")
+    of_stage = of_stage + jax.vmap(lambda jacobian, multiplier: product(jacobian.T, multiplier))(at.next, point.multiplier)
     of_stage = of_stage.at[1:, :nx].add(-point.multiplier[:-1])
     of_final = at.final_cost + barrier.pulled(at.final_rows, barrier.multiplier(point.final)) - point.multiplier[-1]
     limits = _count(barrier.is_limit, here.bounds)
@@ -304,9 +306,7 @@ def _direction(here: Here, search: Search, mu: jax.Array) -> tuple[Step, jax.Arr
     final_curved = at.final_hessian + barrier.bent(at.final_rows, final.curvature)
 
     def attempt(extra: jax.Array) -> Step:
-        more = extra * jnp.eye(curved.shape[-1], dtype=curved.dtype)
-        nx = len(final_curved)
-        return minimizer(Quadratic(curved + more[None], final_curved + more[:nx, :nx], at.next), slopes)
+        return minimizer(Quadratic(curved, final_curved, at.next), slopes, extra)
 
     def fails(state: tuple) -> jax.Array:
         extra, step = state

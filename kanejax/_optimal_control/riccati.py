@@ -5,8 +5,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.scipy.linalg import cho_solve, solve_triangular
+from jax.scipy.linalg import cho_solve
 from jaxtyping import Array, Bool, Float
+
+from kanejax._optimal_control.products import product
 
 
 class Quadratic(NamedTuple):
@@ -43,45 +45,62 @@ class Step(NamedTuple):
     is_minimum: Bool[Array, ""]
 
 
-def minimizer(quadratic: Quadratic, slopes: Slopes) -> Step:
+def minimizer(quadratic: Quadratic, slopes: Slopes, extra: float | jax.Array = 0.0) -> Step:
     """Minimise the sum of 1/2 v' hessian v + stage . v with v = (x, w), where x[k + 1] = next[k] v[k] + gap[k].
 
-    The value of all that follows a node, 1/2 x' P x + p . x, is found from the last node to the first; where the curvature is not
-    positive, numbers are not finite. The first state is free: curvature has to hold it.
+    The value of all that follows a node, 1/2 x' P x + p . x, is found from the last node to the first. The first state is free:
+    curvature has to hold it.
+
+    Args:
+        quadratic: curvatures, and the derivatives of the next states.
+        slopes: gradients and jumps.
+        extra: curvature that is added in all directions.
+
+    Returns:
+        The step, which means nothing where it is not a minimum.
     """
-    nx = quadratic.final.shape[0]
+    nx, own = quadratic.final.shape[0], quadratic.hessian.shape[1]
+    more = extra * jnp.eye(own, own + 1, dtype=quadratic.final.dtype)
+    # The slope is one more column, and all stages' are joined at once: small arrays cost their number, not their size.
+    sides = jnp.concatenate((quadratic.hessian, slopes.stage[..., None]), -1)
 
     def backwards(value: tuple, stage: tuple) -> tuple:
         matrix, vector, fine = value
-        hessian, slope, jacobian, gap = stage
-        curvature = hessian + _times(jacobian.T, _times(matrix, jacobian))
-        slope = slope + _times(jacobian.T, _times(matrix, gap) + vector)
-        factor = jnp.linalg.cholesky(curvature[nx:, nx:], symmetrize_input=False)
-        known = jnp.concatenate((curvature[nx:, :nx], slope[nx:, None]), 1)
-        half = solve_triangular(factor, known, lower=True)
-        law = -solve_triangular(factor, half, lower=True, trans=1)
-        left = half[:, :nx]
-        before = curvature[:nx, :nx] - _times(left.T, left)
+        side, jacobian, gap = stage
+        moved = product(matrix, gap) + vector
+        pulled = product(jacobian.T, jnp.concatenate((product(matrix, jacobian), moved[:, None]), 1))
+        side, is_positive = _eliminated(side + more + pulled, nx)
         # Rounding would make it less and less symmetric.
-        before = 0.5 * (before + before.T), slope[:nx] - _times(left.T, half[:, nx])
-        return (*before, fine & jnp.all(jnp.isfinite(factor))), (matrix, vector, law)
+        before = 0.5 * (side[:nx, :nx] + side[:nx, :nx].T), side[:nx, own]
+        return (*before, fine & is_positive), (matrix, vector, -side[nx:, :nx], -side[nx:, own])
 
-    start = (quadratic.final, slopes.final, jnp.array(True))
-    stages = (quadratic.hessian, slopes.stage, quadratic.next, slopes.gap)
-    (matrix, vector, fine), (matrices, vectors, laws) = lax.scan(backwards, start, stages, reverse=True)
+    start = (quadratic.final + more[:nx, :nx], slopes.final, jnp.array(True))
+    (matrix, vector, fine), found = lax.scan(backwards, start, (sides, quadratic.next, slopes.gap), reverse=True)
+    matrices, vectors, gains, offsets = found
     factor = jnp.linalg.cholesky(matrix, symmetrize_input=False)
     first = -cho_solve((factor, True), vector)
 
     def forwards(x: jax.Array, stage: tuple) -> tuple:
-        law, jacobian, gap, matrix, vector = stage
-        w = _times(law[:, :nx], x) + law[:, nx]
-        after = _times(jacobian, jnp.concatenate((x, w))) + gap
-        return after, (x, w, _times(matrix, after) + vector)
+        gain, offset, jacobian, gap = stage
+        w = product(gain, x) + offset
+        after = product(jacobian, jnp.concatenate((x, w))) + gap
+        return after, (after, w)
 
-    last, (x, w, multiplier) = lax.scan(forwards, first, (laws, quadratic.next, slopes.gap, matrices, vectors))
+    _, (after, w) = lax.scan(forwards, first, (gains, offsets, quadratic.next, slopes.gap))
+    multiplier = jnp.einsum("kij,kj->ki", matrices, after, precision="highest") + vectors
     fine = fine & jnp.all(jnp.isfinite(factor))
-    return Step(jnp.concatenate((x, last[None])), w, multiplier, laws[..., :nx], fine)
+    return Step(jnp.concatenate((first[None], after)), w, multiplier, gains, fine)
 
 
-def _times(a: jax.Array, b: jax.Array) -> jax.Array:
-    return jnp.matmul(a, b, precision="highest")
+def _eliminated(side: Float[Array, "own own+1"], nx: int) -> tuple[Float[Array, "own own+1"], Bool[Array, ""]]:
+    """Controls eliminated from the equations of a stage: their rows become those of x in the law of control, with the other sign.
+
+    One pivot after another and without their exchange, which positive curvature needs not: a call of LAPACK costs more than all.
+    """
+    is_positive = jnp.array(True)
+    for k in range(nx, len(side)):
+        pivot, column = side[k, k], side[:, k]
+        row = side[k] / pivot
+        side = (side - column[:, None] * row[None]).at[k].set(row)
+        is_positive = is_positive & (pivot > 0)
+    return side, is_positive

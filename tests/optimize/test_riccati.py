@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from kanejax._optimal_control.products import product
 from kanejax._optimal_control.riccati import Quadratic, Slopes, minimizer
 from tests.helpers.mechanisms import relative
 
@@ -54,6 +55,24 @@ def test_same_as_one_matrix():
     assert relative(step.x, x) < 1e-10
     assert relative(step.w, w) < 1e-10
     assert relative(step.multiplier, multiplier) < 1e-10
+
+
+def test_extra_curvature_is_that_of_all_directions():
+    quadratic, slopes = problem(2)
+    more = 0.7 * jnp.eye(NX + NW)
+    direct = jax.jit(minimizer)(
+        quadratic._replace(hessian=quadratic.hessian + more[None], final=quadratic.final + more[:NX, :NX]), slopes
+    )
+    for given, expected in zip(jax.jit(minimizer)(quadratic, slopes, 0.7), direct, strict=True):
+        assert relative(given, expected) < 1e-12
+
+
+@pytest.mark.parametrize("size", [0, 1, 24, 25])
+@pytest.mark.parametrize("shape", [(), (3,)])
+def test_products_of_all_sizes(size, shape):
+    rng = np.random.default_rng(size)
+    a, b = rng.normal(size=(5, size)), rng.normal(size=(size, *shape))
+    np.testing.assert_allclose(product(jnp.asarray(a), jnp.asarray(b)), a @ b, rtol=0, atol=1e-14 * max(size, 1))
 
 
 def test_gains_are_how_controls_follow_states():
