@@ -1,4 +1,4 @@
-"""First and second derivatives of the generalized inertia forces in closed form, for trees of revolute and prismatic joints.
+"""First and second derivatives of the generalized inertia forces in closed form.
 
 Kane's equations weighted with virtual speeds lambda, sum_r lambda_r tau_r, are one number: the sum over the links of the inertia
 wrench times the virtual velocity V, which the partial velocities of Nie (3.46) make of lambda. Turning a joint moves all links
@@ -7,20 +7,26 @@ turn back. So every derivative is the answer of a composite body, the joint and 
 and of a. All is in world axes about one point, where composite bodies are plain sums, and a second derivative by a pair
 of joints is a few products of vectors of the inner and of the outer one. The composites are those of Singh, Russell and Wensing
 (2022, Efficient analytical derivatives of rigid-body dynamics using spatial vector algebra), contracted with lambda.
+
+Coordinates are counted by displacements, one a speed. Those of a ball are about its body's axes, which turn with it: to turn about
+one and then about another is not the same in the other order, and the second derivative is the mean of both.
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from kanejax._dynamics.spatial import Spatial, difference, each, motion_cross, scaled, total, wrench_cross
+from kanejax._dynamics.speed_axes import Carriers, carriers, speed_axes
 from kanejax._kinematics.position import world_frames
 from kanejax._model.links import Rows
 from kanejax._model.prepared import Prepared, displacement
 from kanejax._model.tree import Tree
+from kanejax._recursion.rows import Frames
 from kanejax._scalar import (
     ZERO,
     add,
@@ -28,7 +34,6 @@ from kanejax._scalar import (
     apply_symmetric,
     apply_transposed,
     barrier,
-    column,
     cross,
     dot,
     full,
@@ -43,9 +48,6 @@ from kanejax._scalar import (
     sub,
 )
 from kanejax._types import Matrix, Scalar, Symmetric, Vector
-
-# Angular and linear part of a velocity, or moment and force of a wrench, one of each joint: components (njoint, *batch).
-Spatial = tuple[Vector, Vector]
 
 
 class Curvature(NamedTuple):
@@ -72,7 +74,7 @@ class _Body(NamedTuple):
 
 
 class _Outside(NamedTuple):
-    """Sums over a joint's link and all that it carries.
+    """Sums over all links that a speed moves.
 
     Attributes:
         body: the composite body.
@@ -99,36 +101,51 @@ def inertia_force_curvature(
     """Of the generalized inertia forces, without armature and passive forces; components (nv, *batch).
 
     Args:
-        tree: of revolute and prismatic joints.
+        tree: joints and links.
         prepared: parameters.
         q: coordinates.
         u: speeds.
         u_dot: their rates.
         weights: lambda.
     """
-    axis, bodies = _axes_and_bodies(tree, prepared, q)
-    v, virtual = (barrier(_of_carriers(tree, _scaled(x, axis))) for x in (u, weights))
-    turning = barrier(_motion_cross(v, axis))
+    of, (axis, bodies) = carriers(tree), _axes_and_bodies(tree, prepared, q)
+    moving, turned = scaled(u, axis), scaled(weights, axis)
+    v, virtual = (barrier(_mixed(of.of_speeds, x)) for x in (moving, turned))
+    before_v, before_virtual = difference(v, _of_joint(of, moving)), difference(virtual, _of_joint(of, turned))
+    turning = barrier(motion_cross(before_v, axis))
     x, y, z = (-prepared.gravity[i][None] for i in range(3))
     at_rest = (ZERO, (x, y, z))
-    gained = barrier(_of_carriers(tree, _sum(_scaled(u_dot, axis), _scaled(u, turning))))
-    a = _sum(at_rest, gained)
-    # What V, v and a of the carrier become when the joint turns.
-    by_virtual = barrier(_motion_cross(virtual, axis))
-    before = _less(a, _scaled(u, turning))
-    by_a = barrier(_sum(_motion_cross(before, axis), _motion_cross(_less(v, _scaled(u, axis)), turning)))
-    outside = _outside(tree, bodies, v, a, virtual)
-    by_joint = _Changes(axis, turning, by_virtual, by_a)
-    return _derivatives(tree, by_joint, _answers(outside, by_joint))
+    own = barrier(total(scaled(u_dot, axis), scaled(u, turning)))
+    gained = barrier(_mixed(of.of_speeds, own))
+    a = total(at_rest, gained)
+    by_joint = _Changes(
+        axis,
+        turning,
+        barrier(motion_cross(before_virtual, axis)),
+        barrier(total(motion_cross(difference(a, _of_joint(of, own)), axis), motion_cross(before_v, turning))),
+        # A hinge's own speed does not move its axis.
+        scaled(2.0, turning) if of.has_one_each else barrier(total(turning, motion_cross(v, axis))),
+    )
+    outside = _outside(of, bodies, v, a, virtual)
+    return _derivatives(of, by_joint, _answers(outside, by_joint))
 
 
 class _Changes(NamedTuple):
-    """Of each joint: its axis S, S' = v x S, and how V and a change with its coordinate."""
+    """Of each speed: its axis S, and how v, V and a of the joint's carrier change as seen from what the joint turns.
+
+    Attributes:
+        axis: S.
+        turning: of v, by the coordinate: S' = v x S.
+        virtual: of V, by the coordinate.
+        a: of a, by the coordinate.
+        a_by_u: of a, by the speed.
+    """
 
     axis: Spatial
     turning: Spatial
     virtual: Spatial
     a: Spatial
+    a_by_u: Spatial
 
 
 class _Answers(NamedTuple):
@@ -154,16 +171,13 @@ def _axes_and_bodies(tree: Tree, prepared: Prepared, q: jax.Array) -> tuple[Spat
     links = prepared.links
     rotation, origin = barrier(tuple(world_frames(tree, links, displacement(tree, prepared, q))))
     # About the first link, for digits are lost where the world's origin is far.
-    origin = _each(lambda x: x - x[:1], origin)
-    slides = np.array([kind == "prismatic" for kind in tree.joint_types]).reshape(-1, *[1] * (q.ndim - 1))
-    z = column(rotation, 2)
-    about = cross(origin, z)
-    axis = _each(lambda x: jnp.where(slides, 0.0, x), z), _each(lambda x, y: jnp.where(slides, x, y), z, about)
-    mass = jnp.broadcast_to(_rows(links.mass, q), q.shape)
-    hx, hy, hz = (_rows(links.first_moment[:, i], q) for i in range(3))
+    origin = each(lambda x: x - x[:1], origin)
+    axis, like = speed_axes(tree, Frames(rotation, origin)), origin[0]
+    mass = jnp.broadcast_to(_rows(links.mass, like), like.shape)
+    hx, hy, hz = (_rows(links.first_moment[:, i], like) for i in range(3))
     turned = apply(rotation, (hx, hy, hz))
     first = plus(turned, scale(mass, origin))
-    xx, yy, zz, xy, xz, yz = (_rows(links.second_moment[:, i], q) for i in range(6))
+    xx, yy, zz, xy, xz, yz = (_rows(links.second_moment[:, i], like) for i in range(6))
     second = rotate_symmetric(rotation, (xx, yy, zz, xy, xz, yz))
     # Sum of m (p + r)(p + r)' = R J R' + p h' + (R m r) p' with h the first moment about the common point.
     moved = tuple(
@@ -178,17 +192,19 @@ def _rows(parameter: Rows, like: jax.Array) -> jax.Array:
     return parameter.reshape(*parameter.shape, *[1] * (like.ndim - parameter.ndim))
 
 
-def _outside(tree: Tree, bodies: _Body, v: Spatial, a: Spatial, virtual: Spatial) -> _Outside:
+def _outside(of: Carriers, bodies: _Body, v: Spatial, a: Spatial, virtual: Spatial) -> _Outside:
+    if not of.has_one_each:
+        v, a, virtual = jax.tree.map(lambda x: x[of.last], (v, a, virtual))
     momentum, virtual_momentum = barrier((_momentum(bodies, v), _momentum(bodies, virtual)))
-    wrench = _sum(_momentum(bodies, a), _wrench_cross(v, momentum))
+    wrench = total(_momentum(bodies, a), wrench_cross(v, momentum))
     (w, linear), (big_w, big_linear), h, second = v, virtual, bodies.first, full(bodies.second)
     rate = plus(apply(second, cross(w, big_w)), cross(linear, cross(big_w, h)), cross(momentum[1], big_linear))
-    spin = _each(lambda row: scale(-1.0, row), _each(plus, _matrix(w, second), _matrix(h, _skew(linear))))
+    spin = each(lambda row: scale(-1.0, row), each(plus, _matrix(w, second), _matrix(h, _skew(linear))))
     inner = dot(big_linear, h)
     diagonal: Matrix = (inner, 0.0, 0.0), (0.0, inner, 0.0), (0.0, 0.0, inner)
-    bend = _each(minus, _each(plus, _matrix(big_w, second), _each(lambda x: scale(x, h), big_linear)), diagonal)
+    bend = each(minus, each(plus, _matrix(big_w, second), each(lambda x: scale(x, h), big_linear)), diagonal)
     own = _Outside(bodies, momentum[1], wrench, virtual_momentum, scale(2.0, rate), spin, bend)
-    return barrier(_over_carried(tree, own))
+    return barrier(_mixed(of.of_links, own))
 
 
 def _answers(outside: _Outside, by: _Changes) -> _Answers:
@@ -197,21 +213,21 @@ def _answers(outside: _Outside, by: _Changes) -> _Answers:
         _Answers(
             inertia=_momentum(outside.body, by.axis),
             turned=_spun_back(outside, by.axis),
-            q_v=_sum(
-                _sum(_spun_back(outside, by.virtual), _wrench_cross(by.axis, (outside.rate, ZERO))),
-                _sum(_bent(outside, by.turning), _scaled(2.0, _wrench_cross(by.turning, outside.virtual))),
+            q_v=total(
+                total(_spun_back(outside, by.virtual), wrench_cross(by.axis, (outside.rate, ZERO))),
+                total(_bent(outside, by.turning), scaled(2.0, wrench_cross(by.turning, outside.virtual))),
             ),
-            q_a=_sum(_momentum(outside.body, by.virtual), _wrench_cross(by.axis, outside.virtual)),
-            q_virtual=_sum(_sum(_wrench_cross(by.axis, outside.wrench), spun), _momentum(outside.body, by.a)),
-            u_v=_sum(_bent(outside, by.axis), _scaled(2.0, _wrench_cross(by.axis, outside.virtual))),
-            u_virtual=_sum(_spun(outside, by.axis), _scaled(2.0, _momentum(outside.body, by.turning))),
+            q_a=total(_momentum(outside.body, by.virtual), wrench_cross(by.axis, outside.virtual)),
+            q_virtual=total(total(wrench_cross(by.axis, outside.wrench), spun), _momentum(outside.body, by.a)),
+            u_v=total(_bent(outside, by.axis), scaled(2.0, wrench_cross(by.axis, outside.virtual))),
+            u_virtual=total(_spun(outside, by.axis), _momentum(outside.body, by.a_by_u)),
         )
     )
 
 
-def _derivatives(tree: Tree, by: _Changes, of: _Answers) -> Curvature:
+def _derivatives(carriers: Carriers, by: _Changes, of: _Answers) -> Curvature:
     """Each is a product of what answers at the outer joint of a pair with what changes at the inner one."""
-    carried = tree.link_ancestors.reshape(*tree.link_ancestors.shape, *[1] * (by.axis[1][0].ndim - 1))
+    carried = carriers.of_speeds.reshape(*carriers.of_speeds.shape, *[1] * (by.axis[1][0].ndim - 1))
 
     def joined(outer: list, inner: list | None) -> jax.Array:
         """Rows by the joint that answers, where it is the outer one; the others from the second product, or mirrored."""
@@ -219,14 +235,16 @@ def _derivatives(tree: Tree, by: _Changes, of: _Answers) -> Curvature:
         other = jnp.where(carried, lower if inner is None else _pairs(inner), 0.0).swapaxes(0, 1)
         return jnp.where(carried, lower, other)
 
-    twice = _scaled(2.0, by.turning)
+    def mean(twice: jax.Array) -> jax.Array:
+        return twice if carriers.has_one_each else 0.5 * (twice + twice.swapaxes(0, 1))
+
     return Curvature(
         force_by_q=joined([(of.inertia, by.a), (of.turned, by.turning)], [(of.q_virtual, by.axis)]),
-        force_by_u=joined([(of.inertia, twice), (of.turned, by.axis)], [(of.u_virtual, by.axis)]),
+        force_by_u=joined([(of.inertia, by.a_by_u), (of.turned, by.axis)], [(of.u_virtual, by.axis)]),
         mass_matrix=joined([(of.inertia, by.axis)], None),
-        q_q=joined([(of.q_virtual, by.virtual), (of.q_v, by.turning), (of.q_a, by.a)], None),
-        u_q=joined([(of.u_virtual, by.virtual), (of.u_v, by.turning)], [(of.q_v, by.axis), (of.q_a, twice)]),
-        u_u=joined([(of.u_v, by.axis)], None),
+        q_q=mean(joined([(of.q_virtual, by.virtual), (of.q_v, by.turning), (of.q_a, by.a)], None)),
+        u_q=joined([(of.u_virtual, by.virtual), (of.u_v, by.turning)], [(of.q_v, by.axis), (of.q_a, by.a_by_u)]),
+        u_u=mean(joined([(of.u_v, by.axis)], None)),
         a_q=joined([(of.inertia, by.virtual)], [(of.q_a, by.axis)]),
     )
 
@@ -264,26 +282,6 @@ def _bent(outside: _Outside, v: Spatial) -> Spatial:
     return scale(2.0, apply(outside.bend, v[0])), scale(2.0, cross(outside.virtual[1], v[0]))
 
 
-def _motion_cross(a: Spatial, b: Spatial) -> Spatial:
-    return cross(a[0], b[0]), plus(cross(a[0], b[1]), cross(a[1], b[0]))
-
-
-def _wrench_cross(v: Spatial, wrench: Spatial) -> Spatial:
-    return plus(cross(v[0], wrench[0]), cross(v[1], wrench[1])), cross(v[0], wrench[1])
-
-
-def _sum(a: Spatial, b: Spatial) -> Spatial:
-    return plus(a[0], b[0]), plus(a[1], b[1])
-
-
-def _less(a: Spatial, b: Spatial) -> Spatial:
-    return minus(a[0], b[0]), minus(a[1], b[1])
-
-
-def _scaled(s: Scalar, a: Spatial) -> Spatial:
-    return scale(s, a[0]), scale(s, a[1])
-
-
 def _skew(a: Vector) -> Matrix:
     return ((0.0, sub(0.0, a[2]), a[1]), (a[2], 0.0, sub(0.0, a[0])), (sub(0.0, a[1]), a[0], 0.0))
 
@@ -293,23 +291,13 @@ def _matrix(a: Vector, m: Matrix) -> Matrix:
     return matmul(_skew(a), m)
 
 
-def _each(function: Callable, *of: Vector | Matrix) -> tuple:
-    """Of components, or rows."""
-    return tuple(function(*parts) for parts in zip(*of, strict=True))
-
-
-def _of_carriers(tree: Tree, own: Spatial) -> Spatial:
-    """Sums over a link and those that carry it."""
-    return _mixed(tree.link_ancestors, own)
-
-
-def _over_carried(tree: Tree, own: _Outside) -> _Outside:
-    """Sums over a link and those that it carries."""
-    return _mixed(tree.link_ancestors.T, own)
+def _of_joint(of: Carriers, own: Spatial) -> Spatial:
+    """Sums over the speeds of each joint."""
+    return own if of.has_one_each else _mixed(of.together, own)
 
 
 def _mixed[T](which: np.ndarray, own: T) -> T:
-    """Sums over the links that each row marks; one product for all components."""
+    """Sums over the rows that each row marks; one product for all components."""
     leaves, structure = jax.tree.flatten(own)
     stacked = jnp.stack(leaves, 1)
     summed = jnp.tensordot(jnp.asarray(which, stacked.dtype), stacked, 1, precision="highest")

@@ -1,7 +1,5 @@
-"""First derivatives of inverse and forward dynamics, and second ones of a weighted sum.
+"""First derivatives of inverse and forward dynamics, and second ones of a weighted sum, in closed form.
 
-In closed form for trees of revolute and prismatic joints. Otherwise by differentiation, at half the cost of all derivatives:
-inverse dynamics is linear in u_dot with Kane's F, Nie (3.56), and what is quadratic in the speeds does not depend on u_dot.
 Derivatives of forward dynamics follow by differentiating tau(q, u, u_dot(q, u, tau)) = tau twice. Coordinates are counted by
 displacements from the given ones, one a speed.
 """
@@ -10,10 +8,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from kanejax._dynamics.active_force import spring_force
 from kanejax._dynamics.curvature import Curvature, inertia_force_curvature
 from kanejax._dynamics.equations_of_motion import forward_dynamics, inverse_dynamics, mass_matrix
 from kanejax._evaluate import evaluate
 from kanejax._model.model import Model
+from kanejax._model.prepared import Prepared
+from kanejax._model.tree import Tree
 from kanejax._optimal_control.composition import Curved, Weigh
 from kanejax._optimize.displacement import displaced
 from kanejax._types import Coordinates, Forces, Speeds
@@ -21,10 +22,8 @@ from kanejax._types import Coordinates, Forces, Speeds
 
 def curved_inverse_dynamics(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds, weigh: Weigh) -> Curved:
     """The forces, by displacement, speeds and u_dot."""
-    if set(model.tree.joint_types) <= {"revolute", "prismatic"}:
-        tau = inverse_dynamics(model, q, u, u_dot)
-        return _assembled(tau, _closed_form(model, q, u, u_dot, weigh(tau)))
-    return _assembled(*_by_differentiation(model, q, u, u_dot, weigh))
+    tau = inverse_dynamics(model, q, u, u_dot)
+    return _assembled(tau, _closed_form(model, q, u, u_dot, weigh(tau)))
 
 
 def curved_forward_dynamics(model: Model, q: Coordinates, u: Speeds, tau: Forces, weigh: Weigh) -> Curved:
@@ -55,33 +54,31 @@ def _closed_form(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds, weights
     rounded = jax.lax.rsqrt(u * u + square)
     friction = model.coulomb_friction * square * rounded**3
     by_u, by_u_twice = model.damping + friction, -3.0 * weights * friction * u * rounded**2
+    stiffness, of_stiffness = _springs(model, q, weights)
     return rigid._replace(
-        force_by_q=rigid.force_by_q + jnp.diag(model.stiffness),
+        force_by_q=rigid.force_by_q + stiffness,
         force_by_u=rigid.force_by_u + jnp.diag(by_u),
         mass_matrix=rigid.mass_matrix + jnp.diag(model.armature),
+        q_q=rigid.q_q + of_stiffness,
         u_u=rigid.u_u + jnp.diag(by_u_twice),
     )
 
 
-def _by_differentiation(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds, weigh: Weigh) -> tuple[jax.Array, Curvature]:
-    still, directions = jnp.zeros_like(u), jnp.eye(model.nv, dtype=u.dtype)
+def _springs(model: Model, q: Coordinates, weights: Forces) -> tuple[Float[Array, "nv nv"], Float[Array, "nv nv"]]:
+    """First derivatives of the springs' forces, and second ones of their weighted sum, which only springs of balls have."""
+    if model.nq == model.nv:
+        return jnp.diag(model.stiffness), jnp.zeros((model.nv, model.nv), q.dtype)
 
-    def forces(moved: jax.Array, u: jax.Array, u_dot: jax.Array) -> jax.Array:
-        return inverse_dynamics(model, displaced(model.tree, q, moved), u, u_dot)
+    def slope(moved: jax.Array) -> tuple[jax.Array, jax.Array]:
+        force, pull_back = jax.vjp(lambda moved: evaluate(_spring_force, model, displaced(model.tree, q, moved)), moved)
+        return force, pull_back(weights)[0]
 
-    def by_all(moved: jax.Array) -> tuple:
-        tau, pull_back = jax.vjp(forces, moved, u, u_dot)
-        weights = jax.lax.stop_gradient(weigh(tau))
-        return tau, pull_back(weights), weights
+    still, directions = jnp.zeros(model.nv, q.dtype), jnp.eye(model.nv, dtype=q.dtype)
+    return jax.vmap(lambda way: jax.jvp(slope, (still,), (way,))[1], out_axes=-1)(directions)
 
-    def by_speeds(u: jax.Array) -> tuple:
-        tau, pull_back = jax.vjp(lambda u: forces(still, u, u_dot), u)
-        return tau, pull_back(weights)[0]
 
-    along_q = jax.vmap(lambda way: jax.jvp(by_all, (still,), (way,)), out_axes=(None, -1))
-    (tau, _, weights), (of_q, (qq, uq, aq), _) = along_q(directions)
-    of_u, uu = jax.vmap(lambda way: jax.jvp(by_speeds, (u,), (way,))[1], out_axes=-1)(directions)
-    return tau, Curvature(of_q, of_u, mass_matrix(model, q), qq, uq, uu, aq)
+def _spring_force(tree: Tree, prepared: Prepared, q: jax.Array) -> jax.Array:
+    return jnp.asarray(spring_force(tree, prepared, q))
 
 
 def _assembled(tau: Forces, of: Curvature) -> Curved:
