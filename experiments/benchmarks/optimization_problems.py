@@ -97,12 +97,16 @@ def arm_problems() -> list[Problem]:
     ends = [0.0, -1.5, 1.2, -0.8, -1.5, 0.0], [1.5, -0.8, 0.6, -1.8, -0.8, 1.2]
     of_intelledex = kj.Limits(intelledex, q=np.pi, u=3.0, tau=np.array([60.0, 150.0, 120.0, 60.0, 10.0, 10.0]))
     bent = [0.0, 0.3, -0.4, 0.5, 0.2, 0.0], [1.2, -0.5, 0.6, -0.4, -0.8, 1.0]
+    reach = [0.0, 0.6, 0.1], [1.4, -0.7, 0.5]
+    shortest: dict[str, Any] = {"duration": (0.2, 6.0), "costs": kj.costs.duration()}
     of_rrp = kj.Limits(rrp, q=([-3.0, -1.2, 0.0], [3.0, 1.2, 0.8]), u=[2.0, 1.5, 0.6], tau=[1000.0, 2500.0, 2500.0])
     return [
         Problem("UR10, 1.2 s", kj.MotionTask(ur, *ends, 1.2, torque, limits=of_ur), 5061.05),
         Problem("UR10, least time", kj.MotionTask(ur, *ends, (0.2, 3.0), kj.costs.duration(), limits=of_ur), 0.722194),
         Problem("Intelledex 605, 1 s", kj.MotionTask(intelledex, *bent, 1.0, torque, limits=of_intelledex), 1007.854),
-        Problem("RRP arm, 2 s", kj.MotionTask(rrp, [0.0, 0.6, 0.1], [1.4, -0.7, 0.5], 2.0, torque, limits=of_rrp), 3.23405e6),
+        Problem("Intelledex 605, least time", kj.MotionTask(intelledex, *bent, limits=of_intelledex, **shortest), 0.554674),
+        Problem("RRP arm, 2 s", kj.MotionTask(rrp, *reach, 2.0, torque, limits=of_rrp), 3.23405e6),
+        Problem("RRP arm, least time", kj.MotionTask(rrp, *reach, limits=of_rrp, **shortest), 1.663335),
     ]
 
 

@@ -134,8 +134,8 @@ def replayed(
     return _deviation(model.tree, motion, np.array(path.q), np.array(path.u))
 
 
-def replayed_by_mujoco(model: Model, motion: OptimalMotion, control: Any = None, *, substeps: int = 100) -> Deviation:
-    """The same by MuJoCo's mj_step, without contacts, limits and constraints.
+def replayed_by_mujoco(model: Model, motion: OptimalMotion, control: Any = None, *, substeps: int = 20) -> Deviation:
+    """The same by MuJoCo's mj_step with its method of Runge and Kutta, without contacts, limits and constraints.
 
     Args:
         model: of the robot.
@@ -149,6 +149,7 @@ def replayed_by_mujoco(model: Model, motion: OptimalMotion, control: Any = None,
 
     mj = to_mujoco(model).compile()
     mj.opt.timestep = float(motion.duration) / len(motion.tau) / substeps
+    mj.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     data = mujoco.MjData(mj)
     data.qpos[:], data.qvel[:] = motion.q[0], motion.u[0]
