@@ -99,7 +99,7 @@ def _solved(
     from kanejax._cli.optimize_progress import SearchLine
     from kanejax._cli.optimize_results import STATE_NAME, motion_record, replays, sentences, write_motion, write_pictures
     from kanejax._cli.optimize_search import searched
-    from kanejax._optimal_control.interior_point import Result
+    from kanejax._optimal_control.search import Result
 
     mark, shown = _fingerprint(file), not as_json and sys.stderr.isatty()
     kept = KeptSearch(out / STATE_NAME, mark, fresh=fresh)

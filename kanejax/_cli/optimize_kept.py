@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from kanejax._cli.terminal import write_arrays
-from kanejax._optimal_control.interior_point import Search
+from kanejax._optimal_control.search import Search
 from kanejax._optimize.motion import OptimalMotion
 
 # Seconds between two writings.

@@ -13,7 +13,7 @@ from kanejax._cli.optimize_search import Found
 from kanejax._cli.terminal import whole_file, write_arrays, write_json
 from kanejax._identify.record import plain, versions
 from kanejax._motion_task.task_file import TaskFile
-from kanejax._optimal_control.interior_point import Result
+from kanejax._optimal_control.search import Result
 from kanejax._optimize.motion import OptimalMotion
 from kanejax._optimize.tracking import Deviation, replayed, replayed_by_mujoco
 from kanejax._simulate.trajectory import SimulationError

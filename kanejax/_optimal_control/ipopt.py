@@ -15,7 +15,7 @@ import numpy as np
 
 from kanejax._optimal_control import barrier
 from kanejax._optimal_control.barrier import Slacks
-from kanejax._optimal_control.interior_point import Here, Point, Result, Search, errors_at
+from kanejax._optimal_control.search import Here, Point, Result, Search, errors_at
 from kanejax._optimal_control.sparse import Layout
 from kanejax._optimal_control.stages import AbstractStages, Bounds, Derivatives, Path, bounded, derivatives, values
 

@@ -14,8 +14,9 @@ from jax.flatten_util import ravel_pytree
 
 from kanejax._optimal_control import barrier
 from kanejax._optimal_control.barrier import Slacks
-from kanejax._optimal_control.interior_point import Point, Search, first_search, searched
+from kanejax._optimal_control.interior_point import first_search, searched
 from kanejax._optimal_control.riccati import Quadratic, Slopes, minimizer
+from kanejax._optimal_control.search import Point, Search
 from kanejax._optimal_control.stages import AbstractStages, Path, derivatives
 
 _REFINEMENTS = 4

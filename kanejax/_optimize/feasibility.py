@@ -10,7 +10,7 @@ from jax.core import Tracer
 
 from kanejax._errors import KanejaxError
 from kanejax._optimal_control import barrier
-from kanejax._optimal_control.interior_point import Result, Search
+from kanejax._optimal_control.search import Result, Search
 from kanejax._optimal_control.stages import Path, bounded, values
 from kanejax._optimize.task import MotionTask
 from kanejax._optimize.transcription import MotionStages

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from kanejax._lanes import Results, cores, progress_bar, run_lanes
-from kanejax._optimal_control.interior_point import Result, Search, first_search, searched
+from kanejax._optimal_control.interior_point import first_search, searched
+from kanejax._optimal_control.search import Result, Search
 from kanejax._optimize.motion import OptimalMotion, motion_of
 from kanejax._optimize.optimize import Guess, OptimizationInterrupted, first_path, straight_guess, tolerance_of
 from kanejax._optimize.task import MotionTask

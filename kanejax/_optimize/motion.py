@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from kanejax._optimal_control.interior_point import Errors, Result, Search
+from kanejax._optimal_control.search import Errors, Result, Search
 from kanejax._optimize.moment import Moment
 from kanejax._optimize.steps import step
 from kanejax._optimize.transcription import MotionStages

@@ -10,8 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from kanejax._errors import KanejaxError
-from kanejax._optimal_control.interior_point import Result, Search, first_search, searched
+from kanejax._optimal_control.interior_point import first_search, searched
 from kanejax._optimal_control.ipopt import SearchInterrupted, searched_by_ipopt
+from kanejax._optimal_control.search import Result, Search
 from kanejax._optimal_control.sensitivity import optimum
 from kanejax._optimal_control.stages import Path
 from kanejax._optimize.displacement import displaced, displacement

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from kanejax._optimal_control.interior_point import Result, first_search, searched
+from kanejax._optimal_control.interior_point import first_search, searched
+from kanejax._optimal_control.search import Result
 from kanejax._optimal_control.stages import AbstractStages, Bounds, FinalValues, Path, StageValues, values
 from tests.helpers.stages import cart_pole, pendulum
 

@@ -13,8 +13,9 @@ import scipy.sparse
 
 import kanejax as kj
 from kanejax import constraints, costs
-from kanejax._optimal_control.interior_point import Result, first_search
+from kanejax._optimal_control.interior_point import first_search
 from kanejax._optimal_control.ipopt import searched_by_ipopt
+from kanejax._optimal_control.search import Result
 from kanejax._optimal_control.sparse import Layout
 from kanejax._optimal_control.stages import AbstractStages, Bounds, FinalValues, Path, StageValues, derivatives, values
 from kanejax._optimize.optimize import SolverNotInstalledError

@@ -7,7 +7,7 @@ import pytest
 
 import kanejax as kj
 from kanejax import costs
-from kanejax._optimal_control.interior_point import Result
+from kanejax._optimal_control.search import Result
 from kanejax._optimize import many
 
 PENDULUM = """<mujoco><worldbody><body><joint name="hinge" axis="0 1 0" damping=".1"/>
