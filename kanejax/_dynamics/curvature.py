@@ -297,8 +297,9 @@ def _of_joint(of: Carriers, own: Spatial) -> Spatial:
 
 
 def _mixed[T](which: np.ndarray, own: T) -> T:
-    """Sums over the rows that each row marks; one product for all components."""
+    """Sums over the rows that each row marks, of all components at once."""
     leaves, structure = jax.tree.flatten(own)
     stacked = jnp.stack(leaves, 1)
-    summed = jnp.tensordot(jnp.asarray(which, stacked.dtype), stacked, 1, precision="highest")
+    # A product with a matrix of zeros and ones takes longer.
+    summed = jnp.stack([functools.reduce(jnp.add, [stacked[j] for j in np.flatnonzero(row)]) for row in which])
     return jax.tree.unflatten(structure, [summed[:, i] for i in range(len(leaves))])

@@ -1,7 +1,7 @@
 """Second derivatives of a stage that is made of a costly function and cheap ones around it, by the chain rule."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -64,28 +64,28 @@ def composed_expansion(
 
 def chained_expansion(
     chain: Callable[[jax.Array, jax.Array], tuple[StageValues, jax.Array]],
-    z: Float[Array, "count nz"],
-    inner: Callable[[jax.Array, jax.Array], Curved],
+    evaluations: Any,
+    curvature: Callable[[Any, jax.Array], jax.Array],
     v: Float[Array, " own"],
-    jacobian: Float[Array, "count ny nz"],
+    shape: tuple[int, ...],
     weights: StageValues,
 ) -> Expansion:
     """The expansion of a stage that asks for a costly function several times, each time where the answers before have led.
 
     Args:
-        chain: function of v and of what is added to the answers, (count, ny), with the costly function made linear: values, and the
-            arguments of all evaluations.
-        z: arguments of all evaluations at v.
-        inner: the costly function, of its arguments and of weights.
+        chain: function of v and of what is added to the answers, with the costly function made linear: values, and the arguments of
+            all evaluations, (count, nz).
+        evaluations: what is known of each.
+        curvature: of the costly function at one of them, from weights of its answer.
         v: state and control.
-        jacobian: of the costly function.
+        shape: of all answers.
         weights: of the values in the Lagrangian.
     """
-    nothing = jnp.zeros(jacobian.shape[:2], v.dtype)
+    nothing = jnp.zeros(shape, v.dtype)
     adjoint = jax.vjp(lambda added: chain(v, added)[0], nothing)[1](weights)[0]
-    curvature = jax.vmap(lambda z, weights: inner(z, weights).curvature)(z, adjoint)
+    curved = jax.vmap(curvature)(evaluations, adjoint)
     around = expansion(lambda v: chain(v, nothing)[0], v, weights)
     moved = jax.jacfwd(lambda v: chain(v, nothing)[1])(v)
-    pressed = jnp.einsum("izy,iyx->izx", curvature, moved, precision="highest")
+    pressed = jnp.einsum("izy,iyx->izx", curved, moved, precision="highest")
     inside = jnp.einsum("izv,izx->vx", moved, pressed, precision="highest")
     return around._replace(hessian=around.hessian + inside)

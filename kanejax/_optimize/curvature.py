@@ -10,12 +10,13 @@ from jaxtyping import Array, Float
 
 from kanejax._dynamics.active_force import spring_force
 from kanejax._dynamics.curvature import Curvature, inertia_force_curvature
-from kanejax._dynamics.equations_of_motion import forward_dynamics, inverse_dynamics, mass_matrix
+from kanejax._dynamics.equations_of_motion import forward_dynamics, inverse_dynamics
 from kanejax._evaluate import evaluate
 from kanejax._model.model import Model
 from kanejax._model.prepared import Prepared
 from kanejax._model.tree import Tree
 from kanejax._optimal_control.composition import Curved, Weigh
+from kanejax._optimal_control.products import product
 from kanejax._optimize.displacement import displaced
 from kanejax._types import Coordinates, Forces, Speeds
 
@@ -28,14 +29,29 @@ def curved_inverse_dynamics(model: Model, q: Coordinates, u: Speeds, u_dot: Spee
 
 def curved_forward_dynamics(model: Model, q: Coordinates, u: Speeds, tau: Forces, weigh: Weigh) -> Curved:
     """The rates of the speeds, by displacement, speeds and forces."""
-    nv, u_dot = model.nv, forward_dynamics(model, q, u, tau)
-    inverse = _inverse(mass_matrix(model, q))
-    weights = jnp.sum(inverse * weigh(u_dot)[None], -1)
-    needed = curved_inverse_dynamics(model, q, u, u_dot, lambda _: -weights)
-    jacobian = jnp.concatenate((-jnp.matmul(inverse, needed.jacobian[:, : 2 * nv], precision="highest"), inverse), 1)
-    state = jnp.zeros((3 * nv, 3 * nv), u.dtype).at[: 2 * nv, : 2 * nv].set(needed.curvature[: 2 * nv, : 2 * nv])
-    mixed = jnp.matmul(needed.curvature[:, 2 * nv :], jacobian, precision="highest")
-    return Curved(u_dot, jacobian, state + mixed + mixed.T)
+    u_dot = forward_dynamics(model, q, u, tau)
+    jacobian = forward_jacobian(model, q, u, u_dot)
+    return Curved(u_dot, jacobian, forward_curvature(model, q, u, u_dot, jacobian, weigh(u_dot)))
+
+
+def forward_jacobian(model: Model, q: Coordinates, u: Speeds, u_dot: Speeds) -> Float[Array, "nv 3*nv"]:
+    """Derivatives of the rates of the speeds by displacement, speeds and forces, where these rates are known."""
+    nv, unweighted = model.nv, jnp.zeros_like(u)
+    needed = curved_inverse_dynamics(model, q, u, u_dot, lambda _: unweighted).jacobian
+    inverse = _inverse(needed[:, 2 * nv :])
+    return jnp.concatenate((-product(inverse, needed[:, : 2 * nv]), inverse), 1)
+
+
+def forward_curvature(
+    model: Model, q: Coordinates, u: Speeds, u_dot: Speeds, jacobian: Float[Array, "nv 3*nv"], weights: Speeds
+) -> Float[Array, "3*nv 3*nv"]:
+    """Second derivatives of the weighted sum of these rates, where their first ones are known."""
+    nv = model.nv
+    pulled = -product(jacobian[:, 2 * nv :], weights)
+    of_forces = curved_inverse_dynamics(model, q, u, u_dot, lambda _: pulled).curvature
+    state = jnp.zeros_like(of_forces).at[: 2 * nv, : 2 * nv].set(of_forces[: 2 * nv, : 2 * nv])
+    mixed = product(of_forces[:, 2 * nv :], jacobian)
+    return state + mixed + mixed.T
 
 
 def _inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:

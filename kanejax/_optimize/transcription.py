@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from kanejax._optimal_control.composition import Curved, chained_expansion, composed_expansion
+from kanejax._optimal_control.composition import chained_expansion, composed_expansion
 from kanejax._optimal_control.stages import AbstractStages, Bounds, Expansion, FinalValues, Path, StageValues
-from kanejax._optimize.curvature import curved_forward_dynamics
+from kanejax._optimize.curvature import forward_curvature, forward_jacobian
 from kanejax._optimize.displacement import displaced, displacement
 from kanejax._optimize.moment import Constraint, Cost, Moment
 from kanejax._optimize.runge_kutta import Linear, runge_kutta
@@ -87,11 +87,12 @@ class MotionStages(AbstractStages):
         moments = step(task, before, v[nx:], k.astype(h.dtype) * h, h).moments
         z = jnp.concatenate((moments.q, moments.u, moments.tau), 1)
 
-        def inner(z: jax.Array, weights: jax.Array) -> Curved:
-            q, u, tau = jnp.split(z, 3)
-            return curved_forward_dynamics(task.model, q, u, tau, lambda _: weights)
+        def inner(each: tuple, weights: jax.Array) -> jax.Array:
+            z, u_dot, jacobian = each
+            q, u, _ = jnp.split(z, 3)
+            return forward_curvature(task.model, q, u, u_dot, jacobian, weights)
 
-        jacobian = jax.vmap(lambda z: inner(z, jnp.zeros_like(v[nx:])).jacobian)(z)
+        jacobian = jax.vmap(lambda q, u, u_dot: forward_jacobian(task.model, q, u, u_dot))(moments.q, moments.u, moments.u_dot)
 
         def chain(v: jax.Array, added: jax.Array) -> tuple[StageValues, jax.Array]:
             before, h = self._start(k, v[:nx])
@@ -99,7 +100,7 @@ class MotionStages(AbstractStages):
             taken = runge_kutta(task, before, v[nx:], k.astype(h.dtype) * h, h, linear)
             return self._values(k, before, taken, h), jnp.concatenate((taken.moments.q, taken.moments.u, taken.moments.tau), 1)
 
-        return chained_expansion(chain, z, inner, v, jacobian, weights)
+        return chained_expansion(chain, (z, moments.u_dot, jacobian), inner, v, moments.u_dot.shape, weights)
 
     def _start(self, k: jax.Array, x: jax.Array) -> tuple[State, jax.Array]:
         """State k, and the length of the step."""
