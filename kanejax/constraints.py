@@ -1,6 +1,5 @@
 """Constraints on a motion: distances of spheres, and poses of a body to arrive at or to keep."""
 
-from collections.abc import Sequence
 from typing import Any, final
 
 import equinox as eqx
@@ -9,26 +8,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from kanejax._kinematics.pose import poses
+from kanejax._optimize.body_point import BodyPoint, Vector
 from kanejax._optimize.moment import Constraint, Moment
 
 __all__ = ["Constraint", "direction", "plane_clearance", "position", "sphere_clearance"]
 
 
-# Three numbers.
-Vector = Sequence[float] | Float[ArrayLike, "3"]
-
-
 @final
-class _Point(eqx.Module):
-    """A point of a body in world axes."""
-
-    point: Float[Array, "3"]
-    body: str = eqx.field(static=True)
+class _Position(eqx.Module):
+    point: BodyPoint
 
     def __call__(self, model: Any, at: Moment) -> Float[Array, "3"]:
-        """Where it is."""
-        found, row = poses(model, at.q), model.tree.body(self.body)
-        return found.origin[row] + jnp.sum(found.rotation[row] * self.point.astype(at.q.dtype)[None], -1)
+        return self.point.place(model, at.q)
 
 
 def position(
@@ -50,7 +41,7 @@ def position(
     """
     middle, room = jnp.asarray(target), jnp.broadcast_to(jnp.asarray(tolerance), (3,))
     name = f"position of {body}"
-    return Constraint(_Point(jnp.asarray(point), body), middle - room, middle + room, name=name, at_end=at_end)
+    return Constraint(_Position(BodyPoint(jnp.asarray(point), body)), middle - room, middle + room, name=name, at_end=at_end)
 
 
 @final
@@ -90,12 +81,13 @@ def direction(
 class _Distance(eqx.Module):
     """Squared distance of two points over a length, of which the square root has no slope where they meet."""
 
-    first: _Point
+    first: BodyPoint
     second: Any
 
     def __call__(self, model: Any, at: Moment) -> Float[Array, "1"]:
-        other = self.second(model, at) if isinstance(self.second, _Point) else self.second.astype(at.q.dtype)
-        return jnp.sum((self.first(model, at) - other) ** 2)[None]
+        is_moving = isinstance(self.second, BodyPoint)
+        other = self.second.place(model, at.q) if is_moving else self.second.astype(at.q.dtype)
+        return jnp.sum((self.first.place(model, at.q) - other) ** 2)[None]
 
 
 def sphere_clearance(
@@ -119,20 +111,20 @@ def sphere_clearance(
         obstacle_center: of the other in its body's frame, if it has one.
         name: for results and errors.
     """
-    second = _Point(jnp.asarray(obstacle_center), obstacle) if isinstance(obstacle, str) else jnp.asarray(obstacle)
+    second = BodyPoint(jnp.asarray(obstacle_center), obstacle) if isinstance(obstacle, str) else jnp.asarray(obstacle)
     least = (jnp.asarray(radius) + jnp.asarray(obstacle_radius)) ** 2
     other = obstacle if isinstance(obstacle, str) else "an obstacle"
-    function = _Distance(_Point(jnp.asarray(center), body), second)
+    function = _Distance(BodyPoint(jnp.asarray(center), body), second)
     return Constraint(function, least, jnp.inf, name=name or f"clearance of {body} from {other}")
 
 
 @final
 class _Height(eqx.Module):
-    center: _Point
+    center: BodyPoint
     normal: Float[Array, "3"]
 
     def __call__(self, model: Any, at: Moment) -> Float[Array, "1"]:
-        return jnp.sum(self.center(model, at) * _unit(self.normal.astype(at.q.dtype)))[None]
+        return jnp.sum(self.center.place(model, at.q) * _unit(self.normal.astype(at.q.dtype)))[None]
 
 
 def plane_clearance(
@@ -154,7 +146,7 @@ def plane_clearance(
         center: of the sphere in its body's frame.
         name: for results and errors.
     """
-    function = _Height(_Point(jnp.asarray(center), body), jnp.asarray(normal))
+    function = _Height(BodyPoint(jnp.asarray(center), body), jnp.asarray(normal))
     least = jnp.asarray(radius) + jnp.asarray(offset)
     return Constraint(function, least, jnp.inf, name=name or f"clearance of {body} from a plane")
 

@@ -1,6 +1,5 @@
 """Terms of the cost of a motion: `kanejax.costs.torque()`, and others to be added to it."""
 
-from collections.abc import Sequence
 from typing import Any, final
 
 import equinox as eqx
@@ -9,14 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from kanejax._kinematics.coordinate_rates import coordinate_rates
-from kanejax._kinematics.pose import poses
+from kanejax._optimize.body_point import BodyPoint, Vector
 from kanejax._optimize.moment import Cost, Moment
 
 __all__ = ["Cost", "acceleration", "duration", "energy", "jerk", "manipulability", "speed", "torque", "torque_rate", "tracking"]
-
-
-# Three numbers.
-Vector = Sequence[float] | Float[ArrayLike, "3"]
 
 
 @final
@@ -90,7 +85,7 @@ def manipulability(body: str, point: Vector = (0.0, 0.0, 0.0), weight: ArrayLike
         point: in the body's frame.
         weight: factor.
     """
-    return Cost(_Manipulability(jnp.asarray(point, float), body), weight, name=f"manipulability of {body}")
+    return Cost(_Manipulability(BodyPoint(jnp.asarray(point, float), body)), weight, name=f"manipulability of {body}")
 
 
 def _end_time(model: Any, at: Moment) -> Float[Array, ""]:
@@ -123,16 +118,13 @@ class _Tracking(eqx.Module):
 
 @final
 class _Manipulability(eqx.Module):
-    point: Float[Array, "3"]
-    body: str = eqx.field(static=True)
+    point: BodyPoint
 
     def __call__(self, model: Any, at: Moment) -> Float[Array, ""]:
         """By the Jacobian with respect to the speeds."""
-        row = model.tree.body(self.body)
 
         def place(q: jax.Array) -> jax.Array:
-            found = poses(model, q)
-            return found.origin[row] + found.rotation[row] @ self.point.astype(q.dtype)
+            return self.point.place(model, q)
 
         moving = lambda u: jax.jvp(place, (at.q,), (coordinate_rates(model, at.q, u),))[1]  # noqa: E731
         jacobian = jax.vmap(moving)(jnp.eye(model.nv, dtype=at.q.dtype)).T
