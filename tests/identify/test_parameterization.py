@@ -210,6 +210,14 @@ def test_ties_are_one_number(plant):
     assert (one.names, one.notes) == (("lift.damping",), ())
 
 
+@jax.jit
+def numbers_and_back(p, thetas, near, outside):
+    """Numbers and their derivatives, there and back, and derivatives of the way back: one program."""
+    phi, slopes = jax.vmap(p.phi)(thetas)[:, 0], jax.vmap(jax.jacfwd(p.phi))(thetas)
+    back = jax.vmap(lambda x: p.theta_of(p.phi(x)))(near)
+    return phi, slopes, back, jax.vmap(jax.jacrev(p.theta_of))(outside), p.phi(p.theta0)
+
+
 @pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
 @pytest.mark.parametrize(("low", "high"), [(-1.0, np.inf), (-np.inf, 2.0), (-1.0, 2.0), (-np.inf, np.inf)])
 def test_bounds_hold_for_all_coordinates(plant, low, high, dtype):
@@ -218,19 +226,18 @@ def test_bounds_hold_for_all_coordinates(plant, low, high, dtype):
     p = parameterization(given, [Unknown("offset", "yaw", bounds=bounds)])
     single = dtype == jnp.float32
     thetas = jnp.linspace(-40.0, 40.0, 41, dtype=dtype)[:, None]
-    phi = jax.vmap(p.phi)(thetas)[:, 0]
+    near = jnp.linspace(-3.0, 3.0, 7, dtype=dtype)[:, None]
+    outside = jnp.asarray([-1e3, 1e3, -1.0, 2.0, 0.0], dtype)[:, None]
+    phi, slopes, back, slopes_back, first = map(np.asarray, numbers_and_back(p, thetas, near, outside))
     assert ((phi >= low) & (phi <= high)).all()
     assert (np.diff(phi) >= 0).all()
     # All of what is within bounds is reached.
     assert phi[0] < max(low + 1e-6, -30.0)
     assert phi[-1] > min(high - 1e-6, 30.0)
-    near = jnp.linspace(-3.0, 3.0, 7, dtype=dtype)[:, None]
-    back = jax.vmap(lambda x: p.theta_of(p.phi(x)))(near)
     np.testing.assert_allclose(back, near, rtol=0, atol=1e-4 if single else 1e-12)
-    np.testing.assert_allclose(p.phi(p.theta0), [0.0], rtol=0, atol=1e-6 if single else 1e-15)
-    outside = jnp.asarray([-1e3, 1e3, -1.0, 2.0, 0.0], dtype)[:, None]
-    assert np.isfinite(jax.vmap(jax.jacrev(p.theta_of))(outside)).all()
-    assert np.isfinite(jax.vmap(jax.jacfwd(p.phi))(thetas)).all()
+    np.testing.assert_allclose(first, [0.0], rtol=0, atol=1e-6 if single else 1e-15)
+    assert np.isfinite(slopes_back).all()
+    assert np.isfinite(slopes).all()
 
 
 def test_bounds_of_each_number(plant):

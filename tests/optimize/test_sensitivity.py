@@ -31,12 +31,14 @@ def test_all_of_an_optimum_by_all_of_a_task_in_both_modes():
     arm = kj.load(ARM)
     weights = jnp.asarray(np.random.default_rng(0).normal(size=8))
 
+    def summary_and_ends(x):
+        motion = optimum(arm, x)
+        return summary(motion), (motion.converged, jnp.max(jnp.abs(motion.tau)), jnp.max(jnp.abs(motion.u)))
+
     @jax.jit
     def derived(x):
-        found, push = jax.linearize(lambda x: summary(optimum(arm, x)), x)
+        found, push, ends = jax.linearize(summary_and_ends, x, has_aux=True)
         (gradient,) = jax.linear_transpose(push, x)(weights)
-        motion = optimum(arm, x)
-        ends = motion.converged, jnp.max(jnp.abs(motion.tau)), jnp.max(jnp.abs(motion.u))
         return *ends, found, jax.vmap(push)(jnp.eye(len(x))).T, gradient
 
     x = jnp.array([1.0, 0.5, 0.8, -0.6, 1.5, 40.0, 3.0])
