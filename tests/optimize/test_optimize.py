@@ -91,7 +91,7 @@ def test_inverse_and_forward_dynamics_have_one_optimum(arm):
 
 def test_many_models_goals_and_weights_by_vmap(pendulum):
     masses = pendulum.mass[None] * jnp.array([1.0, 0.8, 1.3])[:, None]
-    goals, weights = jnp.array([0.8, 0.9, 0.7]), jnp.array([1.0, 2.0, 0.5])
+    goals, weights = np.array([0.8, 0.9, 0.7]), np.array([1.0, 2.0, 0.5])
 
     def of_one(mass, goal, weight):
         return kj.optimal_motion(swing(pendulum.replace(mass=mass), goal, costs=costs.torque(weight)))
