@@ -34,7 +34,7 @@ class Carriers(NamedTuple):
 
 @functools.cache
 def carriers(tree: Tree) -> Carriers:
-    """Of a tree."""
+    """What carries what in a tree."""
     link, turns = tree.speed_joints, _kinds(tree) != "velocity"
     is_same = link[:, None] == link[None]
     carried = tree.link_ancestors[link][:, link] & (~is_same | (turns[:, None] >= turns[None]))
