@@ -95,7 +95,7 @@ def minimizer(quadratic: Quadratic, slopes: Slopes, extra: float | jax.Array = 0
 def _eliminated(side: Float[Array, "own own+1"], nx: int) -> tuple[Float[Array, "own own+1"], Bool[Array, ""]]:
     """Controls eliminated from the equations of a stage: their rows become those of x in the law of control, with the other sign.
 
-    One pivot after another, without exchanging any, which positive curvature allows: one call of LAPACK takes longer than all of it.
+    One pivot after another, without exchanging any, which positive curvature allows: a call of LAPACK takes longer than all of it.
     """
     is_positive = jnp.array(True)
     for k in range(nx, len(side)):
