@@ -69,4 +69,5 @@ def _unflatten(function: Callable, tree: Tree, structure: Any, *operands: jax.Ar
     if isinstance(prepared, PartlyPrepared):
         prepared = prepared.constants.join(prepared.kept, state[0])
     result = function(tree, prepared, *(jnp.broadcast_to(x, x.shape[:1] + batch) for x in state))
-    return result if isinstance(result, tuple) else (result,)
+    # A plain one, also of named parts: cotangents come as that.
+    return tuple(result) if isinstance(result, tuple) else (result,)

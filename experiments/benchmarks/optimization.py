@@ -55,7 +55,7 @@ def run(quick: bool) -> None:
     report("optimization", tables, details)
 
 
-HEADERS = ("", "cost", "reference", "converged", "iterations", "ms, once compiled", "first call, s", "target")
+HEADERS = ("", "cost", "reference", "converged", "iterations", "ms, once compiled", "first call, s", "off in MuJoCo", "target")
 BESIDE = (
     *("", "cost", "IPOPT", "FDDP", "FDDP's violation", "iterations", "IPOPT", "FDDP", "ms", "IPOPT", "FDDP"),
     *("times faster than IPOPT", "ms an iteration", "IPOPT", "FDDP", "target for the cost", "target for an iteration"),
@@ -82,7 +82,9 @@ def _from_a_line(problem: Problem, quick: bool) -> tuple[kj.OptimalMotion, Any]:
 def _row(problem: Problem, found: kj.OptimalMotion, timing: Any) -> tuple:
     verdict = at_most(_counted(found), problem.reference * (1.0 + _room(problem)))
     numbers = int(found.iterations), 1e3 * timing.median, timing.first_call
-    return (problem.name, float(found.cost), problem.reference, bool(found.converged), *numbers, verdict)
+    # At the end, where MuJoCo applies the forces to the same robot.
+    off = float(np.abs(kj.replayed_by_mujoco(problem.task.model, found).q[-1]).max())
+    return (problem.name, float(found.cost), problem.reference, bool(found.converged), *numbers, off, verdict)
 
 
 def _beside(problem: Problem, found: kj.OptimalMotion, seconds: float, told: dict) -> tuple:
@@ -180,7 +182,7 @@ def _from_many(problem: Problem) -> tuple:
     cost = float(np.asarray(found.cost)[ended].min())
     name, converged = f"{problem.name}, best of {STARTS} guesses", f"{ended.sum()} of {STARTS}"
     numbers = int(found.iterations.max()), 1e3 * seconds, first
-    return (name, cost, problem.best, converged, *numbers, at_most(cost, problem.best * (1.0 + TARGET)))
+    return (name, cost, problem.best, converged, *numbers, "", at_most(cost, problem.best * (1.0 + TARGET)))
 
 
 def _timed[T](function: Callable[[], T]) -> tuple[float, T]:

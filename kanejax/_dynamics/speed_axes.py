@@ -71,7 +71,7 @@ def _directions(tree: Tree, rotation: Matrix) -> Vector:
     columns = [column(rotation, i) for i in range(3)]
 
     def component(i: int) -> jax.Array:
-        of_links = jnp.stack([each[i] for each in columns])[which, link]
+        of_links = jnp.stack([axis[i] for axis in columns])[which, link]
         of_world = jnp.asarray((which == i).reshape(alike), of_links.dtype)
         return jnp.where((kinds == "velocity").reshape(alike), of_world, of_links)
 

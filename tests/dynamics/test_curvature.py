@@ -162,3 +162,29 @@ def test_a_ball_against_pinocchio():
     expected = 0.5 * (one_order + one_order.T)
     assert np.abs(one_order - expected).max() > 0.1
     np.testing.assert_allclose(found.curvature, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
+def test_at_the_identity_and_at_rest_in_both_modes():
+    """Derivatives are finite there, also those of the second derivatives; of a ball on a spring, which pulls from elsewhere too."""
+    model = kj.load(ON_A_BALL.replace('type="ball"', 'type="ball" stiffness="3"'))
+    q, still, weights = jnp.array([1.0, 0.0, 0.0, 0.0, 0.0]), jnp.zeros(model.nv), jnp.arange(1.0, 5.0)
+
+    @jax.jit
+    def derived(model, q, u):
+        def of(model, q, u):
+            return curved_inverse_dynamics(model, q, u, u, lambda _: weights)
+
+        mixed, pull_back = jax.vjp(of, model, q, u)
+        direction = jax.tree.map(jnp.ones_like, (model, q, u))
+        moved = jax.jvp(of, (model, q, u), direction)[1]
+        slopes = pull_back(jax.tree.map(jnp.ones_like, mixed))
+        return mixed, moved, slopes, direction
+
+    found, moved, slopes, direction = derived(model, q, still)
+    forwards = sum(float(jnp.sum(each)) for each in moved)
+    backwards = sum(float(jnp.sum(a * b)) for a, b in zip(jax.tree.leaves(slopes), jax.tree.leaves(direction), strict=True))
+    assert np.isfinite(forwards)
+    assert backwards == pytest.approx(forwards, rel=1e-10)
+    assert all(bool(jnp.all(jnp.isfinite(each))) for each in jax.tree.leaves((found, slopes)))
+    loose = derived(model.replace(stiffness=0.0 * model.stiffness), q, still)[0]
+    np.testing.assert_allclose(np.diag((found.jacobian - loose.jacobian)[:3, :3]), 3.0, rtol=1e-12)
