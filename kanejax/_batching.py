@@ -22,7 +22,14 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 from kanejax._kernels import Arrays, Fan, Function, Shapes, Tangent, copied_operands, of_shared
-from kanejax._sharding import call_in_parts, is_split, result_type, vary_alike
+from kanejax._sharding import (
+    call_in_parts,
+    is_split,
+    needs_devices,
+    over_mesh,
+    result_type,
+    vary_alike,
+)
 
 CHUNK = 256
 # Chunks of whole vectors, or LLVM takes up to ten times as long; of an odd number of 16 still twice as long.
@@ -44,6 +51,8 @@ def _run(*operands: jax.Array, kernel: Any, size: int | None, batched: tuple, su
     """Evaluate a call: unbatched, or with the batch on the first axis of operands that are `batched` and results not `summed`."""
     if size is None:
         return list(kernel(*operands))
+    # On one of several devices it is a part of the batch.
+    size = next(len(x) for x, moves in zip(operands, batched, strict=True) if moves)
     if chunk is not None:
         chunk = max(chunk // kernel.width // VECTOR, 1) * VECTOR
     if chunk is None or size <= chunk:
@@ -93,6 +102,7 @@ def _run_chunk(operands: Any, kernel: Any, size: int, batched: tuple, summed: tu
 
 kernel_call = Primitive("kanejax_kernel")
 kernel_call.multiple_results = True
+needs_devices(kernel_call)
 
 
 def _bind(*operands: Any, **params: Any) -> list[jax.Array]:
@@ -201,15 +211,17 @@ def _transpose(cotangents: list, *operands: Any, kernel: Any, size: int | None, 
 
 def _lowering(chunk: int | None) -> Callable[..., Any]:
     """How to compile a call, with chunks of the batch or without."""
-    lower = mlir.lower_fun(functools.partial(_run, chunk=chunk), multiple_results=True)
 
-    def lower_on_one_device(context: mlir.LoweringRuleContext, *operands: Any, **params: Any) -> Any:
+    def lower(context: mlir.LoweringRuleContext, *operands: Any, **params: Any) -> Any:
         # Types that say over which axes numbers vary have done their work, and the loops would have to repeat them.
         types: Sequence[Any] = context.avals_in
         plain = [ShapedArray(x.shape, x.dtype) for x in types]
-        return lower(context.replace(avals_in=plain), *operands, **params)
+        evaluate = functools.partial(_run, chunk=chunk, **params)
+        if params["size"] is not None:
+            evaluate = over_mesh(context, evaluate, params["size"], params["batched"], params["summed"])
+        return mlir.lower_fun(evaluate, multiple_results=True)(context.replace(avals_in=plain), *operands)
 
-    return lower_on_one_device
+    return lower
 
 
 batching.primitive_batchers[kernel_call] = _batch

@@ -32,6 +32,10 @@ class LogError(KanejaxError, ValueError):
     """A log of a robot's motion is missing, malformed, or cannot be what is asked of it."""
 
 
+class DatasetError(KanejaxError, ValueError):
+    """A data set on disk is not that which is asked for, or is damaged."""
+
+
 class UnknownNameError(KanejaxError, KeyError):
     """A name is not in the model; the message lists the names that are."""
 

@@ -7,7 +7,7 @@ import queue
 import threading
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, Protocol
 
 import equinox as eqx
 import jax
@@ -20,12 +20,41 @@ Runner = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, Any, Any]]
 Store = Callable[[np.ndarray, Any], None]
 
 
-def run_lanes(run: Runner, rows: np.ndarray, size: int, threads: int, store: Store) -> Generator[int]:
+class Waiting(Protocol):
+    """Rows that wait for a lane; several threads take from them."""
+
+    def take(self) -> int | None:
+        """The next row, or None if there is none at present."""
+        ...
+
+    def wait(self) -> bool:
+        """Wait a moment for another row; whether there may be one."""
+        ...
+
+
+class Listed:
+    """Rows of a list."""
+
+    def __init__(self, rows: np.ndarray) -> None:
+        """Take them in this order."""
+        self._rows = collections.deque(rows.tolist())
+
+    def take(self) -> int | None:
+        """The next row."""
+        with contextlib.suppress(IndexError):
+            return self._rows.popleft()
+        return None
+
+    def wait(self) -> bool:
+        """None come later."""
+        return False
+
+
+def run_lanes(run: Runner, waiting: Waiting, size: int, threads: int, store: Store) -> Generator[int]:
     """Run trajectories and store them as they finish, `size` lanes in each of `threads`; yields how many were stored.
 
     When whoever reads is interrupted, threads end with the segment that they are in, and store what finished in it.
     """
-    waiting = collections.deque(rows.tolist())
     stop = threading.Event()
     if threads == 1:
         yield from _one_thread(run, waiting, size, stop, store)
@@ -79,18 +108,20 @@ class _FirstAlone:
         return self.run(*args)
 
 
-def _one_thread(run: Runner, waiting: collections.deque[int], size: int, stop: threading.Event, store: Store) -> Iterator[int]:
+def _one_thread(run: Runner, waiting: Waiting, size: int, stop: threading.Event, store: Store) -> Iterator[int]:
     """The same for `size` lanes, which take from those who wait."""
     lanes = np.full(size, -1)
     before = None
     while not stop.is_set():
         free = lanes < 0
         for lane in np.flatnonzero(free):
-            # Others may take from them at the same time.
-            with contextlib.suppress(IndexError):
-                lanes[lane] = waiting.popleft()
+            if (row := waiting.take()) is None:
+                break
+            lanes[lane] = row
         running = lanes >= 0
         if not np.any(running):
+            if waiting.wait():
+                continue
             return
         # What is left free repeats another trajectory, so that nothing compiles again.
         before, unfinished, piece = run(np.where(running, lanes, lanes[running][0]), before, free)

@@ -1,10 +1,11 @@
-"""What a primitive owes to arrays that are split over several devices, whose types say so.
+"""What a primitive owes to arrays that are split over several devices.
 
+In a program of several devices where XLA decides what is split, the axes of the mesh being of type `Auto`, every device
+evaluates its part of the batch by the program of one device, and sums over the batch are added up at the end.
 Under `jax.shard_map` operands that the devices share are cast to values of each device before the call, as JAX does it for
 its own functions; the transpose of that cast is the sum over the devices. A batch that is split over an explicit axis of a mesh
 is evaluated part by part, without a `shard_map` of the user's (in `jax.set_mesh`, or JAX does not differentiate all loops over the
-leaves of a model). Over an axis of type `Auto` types say nothing and only `shard_map` splits the work: there `jax.jit` alone
-gathers the batch, and every device computes all of it.
+leaves of a model).
 """
 
 from collections.abc import Callable, Sequence
@@ -12,11 +13,16 @@ from typing import Any
 
 import jax
 from jax import lax
+from jax._src import dispatch, sharding_impls
 from jax.core import ShapedArray
-from jax.sharding import NamedSharding, PartitionSpec
+from jax.extend.core import Primitive
+from jax.interpreters import mlir
+from jax.sharding import AxisType, NamedSharding, PartitionSpec
 
 # Of operands and the size of the batch.
 BatchFunction = Callable[[Sequence[Any], int], list[jax.Array]]
+# Of operands one by one.
+ListFunction = Callable[..., list[jax.Array]]
 
 
 def vary_alike(operands: Sequence[Any]) -> list[Any]:
@@ -63,3 +69,37 @@ def call_in_parts(function: BatchFunction, operands: Sequence[Any], batched: Seq
 
     axes = {names} if isinstance(names, str) else set(names)
     return jax.shard_map(part, mesh=mesh, in_specs=specs, out_specs=parts, axis_names=axes)(*placed)
+
+
+def needs_devices(primitive: Primitive) -> None:
+    """Have JAX say to the lowering of a primitive which devices there are."""
+    dispatch.prim_requires_devices_during_lowering.add(primitive)
+
+
+def over_mesh(
+    context: mlir.LoweringRuleContext, function: ListFunction, size: int, batched: Sequence[bool], summed: Sequence[bool]
+) -> ListFunction:
+    """The same function, as one that each device of a program evaluates for its part of the batch.
+
+    The batch is split over all axes of the mesh: what is split otherwise, XLA moves first. In programs of one device, inside of
+    `jax.shard_map`, or where the devices do not divide the batch, it is the function itself.
+
+    Args:
+        context: of the lowering.
+        function: of operands that have the batch first, as `batched` says; its results have it too, or are sums over it.
+        size: of the batch.
+        batched: which operands have the batch.
+        summed: which results are sums.
+    """
+    axes = context.module_context.axis_context
+    mesh = axes.abstract_mesh if isinstance(axes, sharding_impls.ShardingContext) else None
+    if mesh is None or mesh.size == 1 or size % mesh.size or set(mesh.axis_types) != {AxisType.Auto}:
+        return function
+    names = mesh.axis_names
+
+    def part(*operands: jax.Array) -> list[jax.Array]:
+        return [lax.psum(x, names) if adds else x for x, adds in zip(function(*operands), summed, strict=True)]
+
+    alike, split = PartitionSpec(), PartitionSpec(names)
+    given = tuple(split if moves else alike for moves in batched)
+    return jax.shard_map(part, mesh=mesh, in_specs=given, out_specs=[alike if adds else split for adds in summed], check_vma=False)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from kanejax._lanes import Results, cores, progress_bar, run_lanes
+from kanejax._lanes import Listed, Results, cores, progress_bar, run_lanes
 from kanejax._optimal_control.interior_point import first_search, searched
 from kanejax._optimal_control.search import Result, Search
 from kanejax._optimize.motion import OptimalMotion, motion_of
@@ -68,7 +68,7 @@ def optimize_batch(
     threads = min(cores(), max(len(waiting), 1)) if threads is None else threads
     size = min(batch_size, max(1, -(-len(waiting) // threads)))
     results = Results(length, None if resume is None else jax.tree.map(np.array, resume), _flag, Result.NOT_RUN)
-    counts = run_lanes(_runner(task, parameters, size, tolerance, max_iterations), waiting, size, threads, results.store)
+    counts = run_lanes(_runner(task, parameters, size, tolerance, max_iterations), Listed(waiting), size, threads, results.store)
     try:
         with progress_bar("optimizing", len(waiting), progress) as advance, contextlib.closing(counts):
             for count in counts:

@@ -2,14 +2,15 @@
 
 import contextlib
 import dataclasses
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from kanejax._lanes import Results, Runner, cores, progress_bar, run_lanes
+from kanejax._lanes import Listed, Results, Runner, cores, progress_bar, run_lanes
 from kanejax._model.generalized_speeds import AnyModel, WithSpeeds, own
 from kanejax._model.model import leaf_shapes
 from kanejax._model.specialized import Specialized
@@ -83,7 +84,15 @@ def simulate_batch(
     check_positive(batch_size=batch_size, threads=threads)
     batch_size, options = int(batch_size), with_counts(options)
     q0, u0 = check_batch(own(model), q0, u0)
-    run = _runner(model, q0, u0, ts, control, control_axis, options)
+    axes = model_axes(model, len(q0))
+    batched = [leaf if axis == 0 else None for leaf, axis in zip(jax.tree.leaves(model), axes, strict=True)]
+    parameters, rest = eqx.partition(control, eqx.is_array)
+
+    def inputs(rows: np.ndarray) -> LaneInputs:
+        leaves = [None if leaf is None else leaf[rows] for leaf in batched]
+        return LaneInputs(leaves, q0[rows], u0[rows], jax.tree.map(lambda x: x[rows] if control_axis == 0 else x, parameters))
+
+    run = lane_runner(model, ts, rest, control_axis, options, inputs)
     if resume is not None and len(resume.status) != len(q0):
         raise ValueError(f"resume has {len(resume.status)} trajectories, but q0 has {len(q0)}; give those of the interrupted call")
     before = None if resume is None else jax.tree.map(np.array, resume)
@@ -92,7 +101,7 @@ def simulate_batch(
     # Fewer lanes than these would not fill the vector instructions of one core.
     threads = min(cores(), max(1, len(waiting) // FEWEST)) if threads is None else int(threads)
     size = min(batch_size, max(1, -(-len(waiting) // threads)))
-    counts = run_lanes(run, waiting, size, threads, results.store)
+    counts = run_lanes(run, Listed(waiting), size, threads, results.store)
     try:
         with progress_bar("simulating", len(waiting), progress) as advance, contextlib.closing(counts):
             for count in counts:
@@ -106,20 +115,46 @@ def simulate_batch(
     return done
 
 
-def _runner(
-    model: AnyModel, q0: np.ndarray, u0: np.ndarray, ts: Any, control: Any, control_axis: int | None, options: dict
+class LaneInputs(NamedTuple):
+    """What belongs to the trajectories in the lanes, each array with a leading axis for them.
+
+    Attributes:
+        leaves: of the model, None for those that all trajectories share.
+        q0: generalized coordinates at the first time.
+        u0: generalized speeds at the first time.
+        control: arrays in the control; without the axis if all trajectories share them.
+    """
+
+    leaves: list
+    q0: np.ndarray
+    u0: np.ndarray
+    control: Any
+
+
+def lane_runner(
+    model: AnyModel,
+    ts: Any,
+    control_rest: Any,
+    control_axis: int | None,
+    options: dict[str, Any],
+    inputs: Callable[[np.ndarray], LaneInputs],
 ) -> Runner:
-    """The function that runs trajectories given by their rows, from the state that it left them in or, if fresh, from the first."""
-    axes = model_axes(model, len(q0))
+    """The function that runs trajectories given by their rows, from the state that it left them in or, if fresh, from the first.
+
+    Args:
+        model: the mechanism.
+        ts: times to save.
+        control_rest: the control without its arrays.
+        control_axis: 0 if those differ from trajectory to trajectory, None if all share them.
+        options: of `simulate`.
+        inputs: what belongs to the trajectories of some rows.
+    """
     times = _Times(np.asarray(ts, model.dtype))
-    parameters, rest = eqx.partition(control, eqx.is_array)
-    batched = [leaf if axis == 0 else None for leaf, axis in zip(jax.tree.leaves(model), axes, strict=True)]
     length = SEGMENT if _in_segments(options) else None
 
     def run(rows: np.ndarray, before: Any, fresh: np.ndarray) -> tuple[Any, jax.Array, Trajectory]:
-        leaves = [None if leaf is None else leaf[rows] for leaf in batched]
-        chosen = jax.tree.map(lambda x: x[rows] if control_axis == 0 else x, parameters)
-        arguments = (model, leaves, q0[rows], u0[rows], times, chosen, rest, control_axis, options, length)
+        own = inputs(rows)
+        arguments = (model, own.leaves, own.q0, own.u0, times, own.control, control_rest, control_axis, options, length)
         if before is None and length is not None:
             shapes = eqx.filter_eval_shape(_run, *arguments, None, fresh)[0]
             before = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)

@@ -1,16 +1,12 @@
 """Random states at which implementations are compared."""
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from kanejax._model.coordinates import coordinates_within_ranges, numbers_for_coordinates
 from kanejax._model.model import Model
-from kanejax._model.tree import COORDINATES
-
-# Coordinates of joints without a range are drawn from this interval, in rad or m; wider ranges are cut to it.
-_WIDTH = {"revolute": math.pi, "prismatic": 1.0}
 
 
 class States(NamedTuple):
@@ -47,25 +43,7 @@ def sample_states(model: Model, samples: int, seed: int, inverse_dynamics: Calla
 
 def sample_coordinates(model: Model, samples: int, random: np.random.Generator) -> np.ndarray:
     """Draw generalized coordinates (samples, nq) within the joints' ranges, quaternions uniform over the rotations."""
-    q = np.empty((samples, model.nq))
-    ranges = np.asarray(model.joint_range, float)
-    for kind, start, limits in zip(model.tree.joint_types, model.tree.q_start, ranges, strict=True):
-        end = start + COORDINATES[kind]
-        if kind in _WIDTH:
-            q[:, start] = random.uniform(*_interval(limits, _WIDTH[kind]), size=samples)
-            continue
-        if kind == "free":
-            q[:, start : start + 3] = random.uniform(-1.0, 1.0, size=(samples, 3))
-        turn = random.normal(size=(samples, 4))
-        q[:, end - 4 : end] = turn / np.linalg.norm(turn, axis=1, keepdims=True)
-    return q
-
-
-def _interval(limits: np.ndarray, width: float) -> tuple[float, float]:
-    """The part of a joint's range within `width` of zero, or of the end of the range that is nearest to zero."""
-    low, high = (float(limit) for limit in limits)
-    center = min(max(0.0, low), high)
-    return max(low, center - width), min(high, center + width)
+    return coordinates_within_ranges(model, random.random((samples, numbers_for_coordinates(model))))
 
 
 def _rounded(values: np.ndarray) -> np.ndarray:

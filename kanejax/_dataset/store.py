@@ -1,0 +1,210 @@
+"""A data set on disk: a Zarr store of arrays in chunks of trajectories, each of which is there as a whole or not at all."""
+
+import json
+import os
+import shutil
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kanejax._errors import DatasetError
+
+# Written last: where its chunk is, all of the others are.
+LAST = "status"
+
+
+class ArrayLayout(NamedTuple):
+    """One array of a store.
+
+    Attributes:
+        shape: of the whole.
+        dtype: its data type.
+        dimensions: names of its axes; "trajectory" is the first of those that are cut into chunks.
+        fill: what stands where no trajectory was written.
+        attributes: units, and what it means.
+        values: of arrays that all trajectories share, which are written at the beginning.
+    """
+
+    shape: tuple[int, ...]
+    dtype: str
+    dimensions: tuple[str, ...]
+    fill: float
+    attributes: dict[str, Any]
+    values: np.ndarray | None = None
+
+
+class Store:
+    """A data set of one layout at a path."""
+
+    def __init__(self, path: Path, layout: Mapping[str, ArrayLayout], chunk: int) -> None:
+        """Open a store that `create` or `check` found to be of this layout."""
+        zarr = zarr_package()
+        self.path, self._layout, self._chunk = path, layout, chunk
+        group = zarr.open_group(str(path), mode="r+")
+        self._arrays: dict[str, Any] = {}
+        for name, array in layout.items():
+            if array.values is None:
+                # Zarr leaves out chunks that have the fill value alone, but a chunk that is there is one that is done.
+                self._arrays[name] = group[name].with_config({"write_empty_chunks": True})
+
+    @property
+    def trajectories(self) -> int:
+        """How many there will be."""
+        return self._layout[LAST].shape[0]
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks."""
+        return -(-self.trajectories // self._chunk)
+
+    def done(self) -> np.ndarray:
+        """Which chunks are there."""
+        found = np.zeros(self.chunks, bool)
+        folder = self.path / LAST / "c"
+        if folder.is_dir():
+            for entry in os.scandir(folder):
+                if entry.name.isdecimal() and int(entry.name) < self.chunks:
+                    found[int(entry.name)] = True
+        return found
+
+    def rows(self, chunk: int) -> range:
+        """Numbers of the trajectories of a chunk."""
+        return range(chunk * self._chunk, min((chunk + 1) * self._chunk, self.trajectories))
+
+    def write(self, chunk: int, arrays: Mapping[str, np.ndarray]) -> None:
+        """Write a chunk, so that whatever happens meanwhile it is there as a whole or not at all.
+
+        Raises:
+            DatasetError: a link stands where a file or folder of the store should be.
+            OSError: the disk is full, or the store was taken away.
+        """
+        rows = self.rows(chunk)
+        for name in (*(name for name in self._arrays if name != LAST), LAST):
+            file = self._file(name, chunk)
+            self._clear(file)
+            self._arrays[name][rows.start : rows.stop] = arrays[name]
+            _to_disk(file)
+
+    def _file(self, name: str, chunk: int) -> Path:
+        rest = ("0" for _ in self._layout[name].shape[1:])
+        return self.path.joinpath(name, "c", str(chunk), *rest)
+
+    def _clear(self, file: Path) -> None:
+        """Take away what an interrupted writing of this chunk left, and refuse links, which could lead out of the store."""
+        place = self.path
+        for part in file.relative_to(self.path).parts:
+            place /= part
+            if place.is_symlink():
+                raise DatasetError(f"{place} is a link; a data set has none, and nothing is written where it leads")
+        for left in file.parent.glob(f"{file.name}.*.partial"):
+            left.unlink(missing_ok=True)
+
+
+def create(path: Path, layout: Mapping[str, ArrayLayout], chunk: int, attributes: Mapping[str, Any]) -> None:
+    """Make a store without trajectories; it appears under its name once it is complete.
+
+    Raises:
+        OSError: it cannot be written, or something is there.
+    """
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        _write_empty(str(partial), layout, chunk, attributes)
+        # Fails if there is a file, or a folder with something in it.
+        partial.rename(path)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def check(path: Path, layout: Mapping[str, ArrayLayout], chunk: int, attributes: Mapping[str, Any]) -> None:
+    """Compare a store with what `create` would make of the same arguments; nothing in it is believed.
+
+    Raises:
+        DatasetError: they differ; the message says in what.
+    """
+    if path.is_symlink() or not path.is_dir():
+        raise DatasetError(f"{path} is {'a link' if path.is_symlink() else 'no folder'}, so it is no data set to go on with")
+    wanted: dict[str, Any] = {}
+    _write_empty(wanted, layout, chunk, attributes)
+    # The root first, whose attributes say most.
+    for key in sorted(wanted, key=len):
+        _compare(path, key, wanted[key].to_bytes())
+
+
+def _compare(path: Path, key: str, wanted: bytes) -> None:
+    """Compare a file of the store with what it should be."""
+    file = path / key
+    if any(place.is_symlink() for place in (file, *file.parents) if place != path and path in place.parents):
+        raise DatasetError(f"{file} is a link, or lies behind one; a data set has none")
+    try:
+        # One byte more tells that it is longer.
+        with file.open("rb") as stream:
+            found = stream.read(len(wanted) + 65536)
+    except OSError as error:
+        raise DatasetError(f"{path} is no data set to go on with: {file}: {error.strerror}") from error
+    if found == wanted:
+        return
+    if key != "zarr.json":
+        raise DatasetError(f"{path} holds other trajectories than are asked for: {key} differs; give another --out")
+    try:
+        attributes = json.loads(found)["attributes"]
+        pairs = {name: (attributes.get(name), value) for name, value in json.loads(wanted)["attributes"].items()}
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        raise DatasetError(f"{path} is no data set to go on with: {file} cannot be understood") from None
+    listed = [f"{name} is {_short(now)}, but was {_short(then)}" for name, (then, now) in pairs.items() if then != now]
+    raise DatasetError(f"{path} holds other trajectories than are asked for: {'; '.join(listed) or f'{file} differs'}")
+
+
+def _short(value: Any, length: int = 80) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= length else f"{text[: length - 3]}..."
+
+
+def _write_empty(store: Any, layout: Mapping[str, ArrayLayout], chunk: int, attributes: Mapping[str, Any]) -> None:
+    """Write metadata, and the arrays that all trajectories share."""
+    zarr = zarr_package()
+    with warnings.catch_warnings():
+        # Version 3 of the format has no word on metadata in one place; xarray asks for it.
+        warnings.filterwarnings("ignore", "Consolidated metadata", category=UserWarning)
+        group = zarr.create_group(store, attributes=dict(attributes))
+        for name, array in layout.items():
+            shared = array.values is not None
+            made = group.create_array(
+                name,
+                shape=array.shape,
+                dtype=array.dtype,
+                chunks=array.shape if shared else (min(chunk, array.shape[0]), *array.shape[1:]),
+                fill_value=array.fill,
+                dimension_names=array.dimensions,
+                attributes=array.attributes,
+                # Digits of a simulation hardly compress; a sum of each chunk tells of damage.
+                compressors=zarr.codecs.Crc32cCodec(),
+            )
+            if shared:
+                made[...] = array.values
+        zarr.consolidate_metadata(store)
+
+
+def _to_disk(file: Path) -> None:
+    """Wait until a file and its name are on the disk."""
+    for place in (file, file.parent):
+        descriptor = os.open(place, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def zarr_package() -> Any:
+    """The package zarr.
+
+    Raises:
+        DatasetError: it is not installed.
+    """
+    try:
+        import zarr
+    except ImportError as error:
+        raise DatasetError("data sets need zarr: pip install 'kanejax[dataset]'") from error
+    return zarr

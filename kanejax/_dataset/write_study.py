@@ -1,0 +1,134 @@
+"""Simulation of a study into a data set, on all cores and in any number of processes."""
+
+import contextlib
+import os
+import shutil
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from kanejax._dataset.attributes import attributes_of, layout_of
+from kanejax._dataset.chunks import OpenChunks
+from kanejax._dataset.store import Store, check, create
+from kanejax._dataset.study import Study
+from kanejax._errors import DatasetError
+from kanejax._lanes import cores, progress_bar, run_lanes
+from kanejax._simulate.batch import FEWEST, lane_runner
+from kanejax._simulate.checks import check_positive
+from kanejax._simulate.control import TorqueTable
+
+
+class StudyInterrupted(KeyboardInterrupt):
+    """`write_study` was interrupted; what was written stays, and `resume=True` goes on from there."""
+
+
+def write_study(
+    study: Study,
+    path: str | os.PathLike,
+    *,
+    chunk: int = 1024,
+    resume: bool = False,
+    source: Mapping[str, Any] | None = None,
+    batch_size: int = 128,
+    threads: int | None = None,
+    progress: bool = False,
+) -> Path:
+    """Simulate a study and write its trajectories to a Zarr store, in memory that does not grow with their number.
+
+    Chunks of trajectories are written whole or not at all. After an interruption of any kind - Ctrl-C, a killed process, a full
+    disk - the same call with `resume=True` simulates what is missing, and the store ends with the same bits as without it. Among
+    several processes of `jax.distributed` each makes this call, simulates its share of the chunks, and waits for the others; a
+    store can be gone on with by another number of processes.
+
+    Args:
+        study: what to simulate.
+        path: of the store, a folder; xarray opens it with `xarray.open_zarr`.
+        chunk: trajectories in one file of each array.
+        resume: go on with a store of the same study, or begin it if there is none.
+        source: where the model is from, kept in the attributes of the store: such as {"robot": "arm.urdf"}.
+        batch_size: trajectories that a thread simulates side by side, see `simulate_batch`; a multiple of 32.
+        threads: how many run side by side, by default one for each core.
+        progress: show a progress bar.
+
+    Returns:
+        The path.
+
+    Raises:
+        DatasetError: there is something at the path, or, with `resume`, another study, or what is no data set.
+        ValueError: an option has no meaning.
+        OSError: the store cannot be written.
+        StudyInterrupted: on Ctrl-C.
+    """
+    check_positive(chunk=chunk, batch_size=batch_size, threads=threads)
+    if batch_size % 32:
+        raise ValueError(
+            f"batch_size is {batch_size}; it must be a multiple of 32, so that all lanes compute with the same instructions"
+        )
+    path, chunk = Path(path), min(int(chunk), study.trajectories)
+    store = _opened(path, study, chunk, attributes_of(study, dict(source or {})), resume=resume)
+    mine = np.flatnonzero(~store.done())
+    mine = mine[mine % jax.process_count() == jax.process_index()]
+    missing = sum(len(store.rows(number)) for number in mine.tolist())
+    threads = min(cores(), max(1, missing // FEWEST)) if threads is None else int(threads)
+    open_chunks = OpenChunks(study, store, mine, batch_size * threads)
+    parameters, rest = eqx.partition(_control(study), eqx.is_array)
+    run = lane_runner(
+        study.model, study.ts, rest, 0, dict(study.options), lambda rows: open_chunks.inputs(rows, jax.tree.structure(parameters))
+    )
+    counts = run_lanes(run, open_chunks, batch_size, threads, open_chunks.store)
+    try:
+        with progress_bar("simulating", missing, progress) as advance, contextlib.closing(counts):
+            for count in counts:
+                advance(count)
+    except KeyboardInterrupt as error:
+        left = int(np.sum(~store.done()))
+        raise StudyInterrupted(f"{left} of {store.chunks} chunks are missing; go on with resume=True") from error
+    while jax.process_count() > 1 and not store.done().all():
+        # Whoever leaves first takes the others' connection away. If one of them died, JAX ends this process too.
+        time.sleep(0.2)
+    return path
+
+
+def needed_bytes(study: Study) -> int:
+    """About how large the data set will be [bytes]."""
+    return sum(int(np.prod(array.shape)) * np.dtype(array.dtype).itemsize for array in layout_of(study).values())
+
+
+def free_bytes(path: str | os.PathLike) -> int:
+    """Room [bytes] on the disk where a store will be, or is."""
+    return shutil.disk_usage(Path(path).absolute().parent).free
+
+
+def _control(study: Study) -> TorqueTable | None:
+    """The table of forces of one trajectory."""
+    ts = study.force_times
+    if ts is None or study.control is None:
+        return None
+    return TorqueTable(ts, np.zeros((len(ts), study.model.nv), ts.dtype), study.control.interpolation)
+
+
+def _opened(path: Path, study: Study, chunk: int, attributes: dict[str, Any], *, resume: bool) -> Store:
+    """The store, made by the first process if it is not there."""
+    layout, attributes = layout_of(study), {**attributes, "chunk": chunk}
+    first, exists = jax.process_index() == 0, os.path.lexists(path)
+    _together("kanejax: is there a store")
+    if exists and not resume:
+        raise DatasetError(f"{path} is there already; go on with it with resume=True, or give another path")
+    if not exists and first:
+        create(path, layout, chunk, attributes)
+    _together("kanejax: there is a store")
+    check(path, layout, chunk, attributes)
+    return Store(path, layout, chunk)
+
+
+def _together(what: str) -> None:
+    """Wait for the other processes."""
+    if jax.process_count() > 1:
+        from jax.experimental.multihost_utils import sync_global_devices
+
+        sync_global_devices(what)
