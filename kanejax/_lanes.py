@@ -7,7 +7,7 @@ import queue
 import threading
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -20,6 +20,7 @@ Runner = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, Any, Any]]
 Store = Callable[[np.ndarray, Any], None]
 
 
+@runtime_checkable
 class Waiting(Protocol):
     """Rows that wait for a lane; several threads take from them."""
 

@@ -1,24 +1,14 @@
-"""What the command line prints and writes: a model as a tree and as dictionaries, and a batch of random trajectories."""
+"""What the command line prints of a model: a tree, and dictionaries."""
 
-import dataclasses
 import math
-import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from rich.text import Text
 from rich.tree import Tree as RichTree
 
-from kanejax._dynamics.energy import kinetic_energy, potential_energy
-from kanejax._errors import UnsupportedModelError
 from kanejax._model.model import Model
 from kanejax._model.tree import COORDINATES, SPEEDS, WORLD
-from kanejax._validate.states import sample_coordinates
-
-if TYPE_CHECKING:
-    from kanejax._simulate.trajectory import Trajectory
 
 # Parameters of a joint's speeds, and their units for rotations and translations.
 _UNITS = {
@@ -126,92 +116,3 @@ def _vector(values: Any) -> str:
 
 def _list(values: Any) -> list:
     return np.asarray(values, float).tolist()
-
-
-@dataclasses.dataclass(frozen=True)
-class Simulated:
-    """Trajectories as arrays by name, and how they were made and how well their energy was kept."""
-
-    arrays: dict[str, Any]
-    details: dict[str, Any]
-
-
-def simulated(
-    model: Model,
-    *,
-    trajectories: int,
-    duration: float,
-    times: int,
-    speed: float,
-    damping: float,
-    seed: int,
-    dtype: str,
-    max_steps: int,
-    progress: bool,
-) -> Simulated:
-    """Simulate a model from random states without forces at its joints, whether or not `jax_enable_x64` is set.
-
-    Raises:
-        UnsupportedModelError: the model has no joints.
-    """
-    # Only here, as `kanejax info` needs no diffrax.
-    from kanejax._simulate.batch import simulate_batch
-
-    if not model.nv:
-        raise UnsupportedModelError("the robot has no joints, so nothing moves")
-    random = np.random.default_rng(seed)
-    q0 = sample_coordinates(model, trajectories, random)
-    u0 = speed * random.normal(size=(trajectories, model.nv))
-    with jax.enable_x64(True):
-        model = dataclasses.replace(model, damping=model.damping + damping).astype(dtype)
-        start = time.perf_counter()
-        ts = np.linspace(0.0, duration, times)
-        result = simulate_batch(model, q0.astype(dtype), u0.astype(dtype), ts, max_steps=max_steps, progress=progress)
-        seconds = time.perf_counter() - start
-        median, worst = _energy_change(model, q0.astype(dtype), u0.astype(dtype), result)
-    conservative = not any(np.any(np.asarray(leaf)) for leaf in (model.damping, model.coulomb_friction))
-    arrays = {
-        "ts": ts,
-        "q": result.q,
-        "u": result.u,
-        "status": result.status,
-        "t_end": result.t_end,
-        "joint_names": np.array(model.tree.joint_names),
-    }
-    details = {
-        "dtype": dtype,
-        "speed": speed,
-        "damping": damping,
-        "seconds": seconds,
-        "steps": int(np.sum(result.stats["num_steps"])),
-        "conservative": conservative,
-        "energy_change_median": median,
-        "energy_change_worst": worst,
-    }
-    return Simulated(arrays, details)
-
-
-def _energy_change(model: Model, q0: np.ndarray, u0: np.ndarray, result: "Trajectory") -> tuple[float | None, float | None]:
-    """Median and greatest change of energy among the trajectories that reached their end, relative to what is large in each."""
-    ok = np.asarray(result.ok)
-    if not ok.any():
-        return None, None
-    energies = jax.jit(jax.vmap(lambda q, u: (kinetic_energy(model, q, u), potential_energy(model, q))))
-    states = ((q0, u0), (result.q_end, result.u_end))
-    begin, end = (np.asarray(energies(*map(jnp.asarray, state)))[:, ok] for state in states)
-    change = np.abs(end.sum(0) - begin.sum(0))
-    # What moved between the two kinds of energy, or was there to begin with, says what is large.
-    size = np.maximum(np.maximum(begin[0], end[0]), np.abs(end[1] - begin[1]))
-    relative = np.divide(change, size, out=np.zeros_like(change), where=size > 0)
-    return float(np.median(relative)), float(np.max(relative))
-
-
-def energies_line(details: dict[str, Any]) -> str:
-    """A sentence on the change of energy."""
-    if details["energy_change_worst"] is None:
-        return "energy: no trajectory reached its end"
-    name = "energy drift" if details["conservative"] else "energy lost to damping and friction"
-    return (
-        f"{name}, relative to the energy that moves: median {details['energy_change_median']:.1e}, "
-        f"worst {details['energy_change_worst']:.1e}; {details['steps']} steps"
-    )

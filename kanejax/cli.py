@@ -6,15 +6,13 @@ JAX and MuJoCo are used inside the commands only.
 """
 
 import json
-import sys
-from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.text import Text
 
 from kanejax._cli.identify import identify
 from kanejax._cli.optimize import optimize
+from kanejax._cli.simulate import simulate
 from kanejax._cli.terminal import (
     BAD_INPUT,
     EXIT_CODES,
@@ -26,7 +24,6 @@ from kanejax._cli.terminal import (
     Seed,
     Strict,
     Unphysical,
-    check_writable,
     complain,
     console,
     load,
@@ -35,7 +32,6 @@ from kanejax._cli.terminal import (
     spinner,
     use_compilation_cache,
     with_options,
-    write_arrays,
 )
 from kanejax._errors import KanejaxError
 
@@ -131,67 +127,7 @@ def info(
         print_differences(report)
 
 
-@app.command(epilog=EXIT_CODES)
-def simulate(
-    robot: Robot,
-    out: Annotated[Path, typer.Option(help="The .npz file to write.", show_default=False)],
-    trajectories: Annotated[int, typer.Option(min=1, help="Number of trajectories.")] = 256,
-    duration: Annotated[float, typer.Option(min=1e-9, max=1e9, help="Length of each, in s.")] = 1.0,
-    times: Annotated[int, typer.Option(min=2, help="Times to save, from 0 to the duration.")] = 101,
-    speed: Annotated[float, typer.Option(min=0.0, help="Standard deviation of the initial speeds, in rad/s and m/s.")] = 1.0,
-    damping: Annotated[float, typer.Option(min=0.0, help="Damping to add to every joint, in N m s/rad and N s/m.")] = 0.0,
-    seed: Seed = 0,
-    float32: Annotated[bool, typer.Option("--float32", help="Compute in float32 instead of float64.")] = False,
-    max_steps: Annotated[int, typer.Option(min=1, help="Stop a trajectory after this many steps.")] = 4096,
-    repair: Repair = False,
-    strict: Strict = True,
-    allow_unphysical: Unphysical = False,
-    as_json: Json = False,
-) -> None:
-    """Simulate a robot from random states without forces at its joints, and write the trajectories to a file.
-
-    Initial coordinates lie within the joints' ranges. The file has `ts` (times), `q` (trajectories, times, nq), `u`
-    (trajectories, times, nv), `status` (see kanejax.Status), `t_end`, `joint_names`, and how they were made.
-
-    Examples: `kanejax simulate arm.urdf --out arm.npz`,
-    `kanejax simulate arm.urdf --trajectories 4096 --duration 2 --damping 0.5 --out arm.npz`
-    """
-    with one_line_errors():
-        check_writable(out)
-        from kanejax import Status
-        from kanejax._report import energies_line, simulated
-
-        use_compilation_cache()
-        report = load(robot, strict=strict, repair=repair, allow_unphysical=allow_unphysical)
-        run = simulated(
-            report.model,
-            trajectories=trajectories,
-            duration=duration,
-            times=times,
-            speed=speed,
-            damping=damping,
-            seed=seed,
-            dtype="float32" if float32 else "float64",
-            max_steps=max_steps,
-            progress=not as_json and sys.stderr.isatty(),
-        )
-        details = {"robot": report.origin, "trajectories": trajectories, "duration": duration, "seed": seed, **run.details}
-        write_arrays(out, {**run.arrays, "details": json.dumps(details)})
-        counts = {status.name: int((run.arrays["status"] == status).sum()) for status in Status}
-        counts = {name: count for name, count in counts.items() if count}
-        if as_json:
-            print(json.dumps({**details, "status": counts, "out": str(out)}, indent=1))
-        else:
-            print_differences(report)
-            listed = ", ".join(f"{count} {name}" for name, count in counts.items())
-            console().print(
-                Text(f"{out}: {trajectories} trajectories of {duration:g} s in {run.details['seconds']:.1f} s: {listed}")
-            )
-            console().print(Text(energies_line(run.details)))
-    if counts.get("SUCCESSFUL", 0) < trajectories:
-        raise typer.Exit(FAILED)
-
-
+app.command(epilog=EXIT_CODES)(simulate)
 app.command(epilog=EXIT_CODES)(identify)
 app.command(epilog=EXIT_CODES)(optimize)
 

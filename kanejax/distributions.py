@@ -13,9 +13,9 @@ from jaxtyping import Float
 from scipy.special import ndtri
 
 
-def _numbers(*default: float) -> Any:
+def _numbers(**options: Any) -> Any:
     """A field that is a number or an array of them."""
-    return eqx.field(converter=lambda x: np.asarray(x, float), **({"default": default[0]} if default else {}))
+    return eqx.field(converter=lambda x: np.asarray(x, float), **options)
 
 
 class AbstractDistribution(eqx.Module):
@@ -114,8 +114,8 @@ class Normal(AbstractDistribution):
         std: standard deviation, not negative.
     """
 
-    mean: Any = _numbers(0.0)
-    std: Any = _numbers(1.0)
+    mean: Any = _numbers(default=0.0)
+    std: Any = _numbers(default=1.0)
 
     def __check_init__(self) -> None:
         """Check the deviation."""
@@ -141,8 +141,8 @@ class LogNormal(AbstractDistribution):
         sigma: standard deviation of the natural logarithm, not negative: about the relative deviation if small.
     """
 
-    median: Any = _numbers(1.0)
-    sigma: Any = _numbers(0.1)
+    median: Any = _numbers(default=1.0)
+    sigma: Any = _numbers(default=0.1)
 
     def __check_init__(self) -> None:
         """Check the signs."""

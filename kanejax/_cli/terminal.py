@@ -125,7 +125,7 @@ def one_line_errors() -> Iterator[None]:
             raise typer.Exit(INTERRUPTED) from error
 
 
-def with_options(error: Exception) -> str:
+def with_options(error: BaseException) -> str:
     """An error's message, with the keywords of `load` as options."""
     message = str(error)
     for keyword, option in (
@@ -134,6 +134,8 @@ def with_options(error: Exception) -> str:
         ("load with strict=False", "use --no-strict"),
         ("strict=False", "--no-strict"),
         ("allow_unphysical=True", "--allow-unphysical"),
+        ("resume=True", "--resume"),
+        ("give another path", "give another --out"),
     ):
         message = message.replace(keyword, option)
     return message

@@ -1,29 +1,80 @@
 """Chunks of a data set that are being simulated: their trajectories wait for lanes, and a chunk that is complete is written."""
 
 import collections
+import contextlib
 import threading
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
 
+import equinox as eqx
 import jax
 import numpy as np
 
-from kanejax._dataset.store import LAST, Store
+from kanejax._dataset.store import LAST
 from kanejax._dataset.study import Rows, Study
+from kanejax._lanes import cores, progress_bar, run_lanes
 from kanejax._model.model import leaf_shapes
-from kanejax._simulate.batch import LaneInputs
+from kanejax._simulate.batch import FEWEST, LaneInputs, lane_runner
+from kanejax._simulate.control import TorqueTable
 from kanejax._simulate.trajectory import Trajectory
 
 # Chunks in memory beside those that the lanes need at least.
 _SPARE = 2
 
 
-class OpenChunks:
+@runtime_checkable
+class Destination(Protocol):
+    """Where complete chunks go."""
+
+    def rows(self, chunk: int) -> range:
+        """Numbers of the trajectories of a chunk."""
+        ...
+
+    def write(self, chunk: int, arrays: Mapping[str, np.ndarray]) -> None:
+        """Take a complete chunk."""
+        ...
+
+
+def run_chunks(
+    study: Study, store: Destination, chunks: np.ndarray, *, batch_size: int, threads: int | None, progress: bool
+) -> None:
+    """Simulate some chunks of a study on all cores.
+
+    Args:
+        study: what is simulated.
+        store: where complete chunks go.
+        chunks: numbers of those to simulate.
+        batch_size: trajectories that a thread simulates side by side.
+        threads: how many run side by side, by default one for each core.
+        progress: show a progress bar.
+    """
+    trajectories = sum(len(store.rows(chunk)) for chunk in chunks.tolist())
+    threads = min(cores(), max(1, trajectories // FEWEST)) if threads is None else int(threads)
+    waiting = _OpenChunks(study, store, chunks, batch_size * threads)
+    parameters, rest = eqx.partition(_table(study), eqx.is_array)
+    structure = jax.tree.structure(parameters)
+    run = lane_runner(study.model, study.ts, rest, 0, dict(study.options), lambda rows: waiting.inputs(rows, structure))
+    counts = run_lanes(run, waiting, batch_size, threads, waiting.store)
+    with progress_bar("simulating", trajectories, progress) as advance, contextlib.closing(counts):
+        for count in counts:
+            advance(count)
+
+
+def _table(study: Study) -> TorqueTable | None:
+    """A table of forces of one trajectory."""
+    ts = study.force_times
+    if ts is None or study.control is None:
+        return None
+    return TorqueTable(ts, np.zeros((len(ts), study.model.nv), ts.dtype), study.control.interpolation)
+
+
+class _OpenChunks:
     """What threads take trajectories from and store them to; only some chunks are in memory at a time.
 
     A thread that completes a chunk writes it while the others go on.
     """
 
-    def __init__(self, study: Study, store: Store, chunks: np.ndarray, lanes: int) -> None:
+    def __init__(self, study: Study, store: Destination, chunks: np.ndarray, lanes: int) -> None:
         """Begin with the first of the chunks.
 
         Args:
@@ -34,7 +85,7 @@ class OpenChunks:
         """
         self._study, self._store = study, store
         self._missing = collections.deque(chunks.tolist())
-        self._size = len(store.rows(0))
+        self._size = max(len(store.rows(0)), 1)
         self._most = -(-lanes // self._size) + _SPARE
         self._open: dict[int, _OpenChunk] = {}
         self._rows = iter(range(0))

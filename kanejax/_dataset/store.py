@@ -147,7 +147,7 @@ def _compare(path: Path, key: str, wanted: bytes) -> None:
     if found == wanted:
         return
     if key != "zarr.json":
-        raise DatasetError(f"{path} holds other trajectories than are asked for: {key} differs; give another --out")
+        raise DatasetError(f"{path} holds other trajectories than are asked for: {key} differs; give another path")
     try:
         attributes = json.loads(found)["attributes"]
         pairs = {name: (attributes.get(name), value) for name, value in json.loads(wanted)["attributes"].items()}

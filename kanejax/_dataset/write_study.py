@@ -1,6 +1,5 @@
 """Simulation of a study into a data set, on all cores and in any number of processes."""
 
-import contextlib
 import os
 import shutil
 import time
@@ -8,19 +7,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 
 from kanejax._dataset.attributes import attributes_of, layout_of
-from kanejax._dataset.chunks import OpenChunks
+from kanejax._dataset.chunks import run_chunks
 from kanejax._dataset.store import Store, check, create
 from kanejax._dataset.study import Study
 from kanejax._errors import DatasetError
-from kanejax._lanes import cores, progress_bar, run_lanes
-from kanejax._simulate.batch import FEWEST, lane_runner
 from kanejax._simulate.checks import check_positive
-from kanejax._simulate.control import TorqueTable
 
 
 class StudyInterrupted(KeyboardInterrupt):
@@ -73,18 +68,8 @@ def write_study(
     store = _opened(path, study, chunk, attributes_of(study, dict(source or {})), resume=resume)
     mine = np.flatnonzero(~store.done())
     mine = mine[mine % jax.process_count() == jax.process_index()]
-    missing = sum(len(store.rows(number)) for number in mine.tolist())
-    threads = min(cores(), max(1, missing // FEWEST)) if threads is None else int(threads)
-    open_chunks = OpenChunks(study, store, mine, batch_size * threads)
-    parameters, rest = eqx.partition(_control(study), eqx.is_array)
-    run = lane_runner(
-        study.model, study.ts, rest, 0, dict(study.options), lambda rows: open_chunks.inputs(rows, jax.tree.structure(parameters))
-    )
-    counts = run_lanes(run, open_chunks, batch_size, threads, open_chunks.store)
     try:
-        with progress_bar("simulating", missing, progress) as advance, contextlib.closing(counts):
-            for count in counts:
-                advance(count)
+        run_chunks(study, store, mine, batch_size=int(batch_size), threads=threads, progress=progress)
     except KeyboardInterrupt as error:
         left = int(np.sum(~store.done()))
         raise StudyInterrupted(f"{left} of {store.chunks} chunks are missing; go on with resume=True") from error
@@ -102,14 +87,6 @@ def needed_bytes(study: Study) -> int:
 def free_bytes(path: str | os.PathLike) -> int:
     """Room [bytes] on the disk where a store will be, or is."""
     return shutil.disk_usage(Path(path).absolute().parent).free
-
-
-def _control(study: Study) -> TorqueTable | None:
-    """The table of forces of one trajectory."""
-    ts = study.force_times
-    if ts is None or study.control is None:
-        return None
-    return TorqueTable(ts, np.zeros((len(ts), study.model.nv), ts.dtype), study.control.interpolation)
 
 
 def _opened(path: Path, study: Study, chunk: int, attributes: dict[str, Any], *, resume: bool) -> Store:

@@ -211,7 +211,7 @@ def test_an_interrupt_takes_effect_when_a_segment_is_stored(where):
         np.testing.assert_array_equal(rows, trajectories)
         found.extend(rows)
 
-    counts = lanes.run_lanes(run, np.arange(6), 2, 1, store)
+    counts = lanes.run_lanes(run, lanes.Listed(np.arange(6)), 2, 1, store)
     assert next(counts) == 2
     with pytest.raises(KeyboardInterrupt):
         next(counts)
@@ -279,5 +279,5 @@ def test_only_the_first_call_is_alone():
         return None, np.zeros(len(rows), bool), np.asarray(rows)
 
     found = []
-    assert sum(lanes.run_lanes(run, np.arange(5), 1, 2, lambda rows, _: found.extend(rows.tolist()))) == 5
+    assert sum(lanes.run_lanes(run, lanes.Listed(np.arange(5)), 1, 2, lambda rows, _: found.extend(rows.tolist()))) == 5
     assert sorted(found) == list(range(5))
