@@ -31,6 +31,7 @@ from kanejax._dynamics.wrench import (
     joint_reactions as joint_reactions,
 )
 from kanejax._errors import (
+    DatasetError as DatasetError,
     IgnoredFeatureWarning as IgnoredFeatureWarning,
     InvalidInertiaError as InvalidInertiaError,
     InvalidParameterError as InvalidParameterError,
@@ -60,6 +61,7 @@ from kanejax._kinematics.partial_velocity import (
     partial_velocity_rates as partial_velocity_rates,
 )
 from kanejax._kinematics.pose import Poses as Poses, poses as poses
+from kanejax._mesh import batch_mesh as batch_mesh, replicate as replicate, shard_batch as shard_batch
 from kanejax._model.generalized_speeds import (
     AbstractSpeeds as AbstractSpeeds,
     GeneralizedSpeeds as GeneralizedSpeeds,
@@ -79,7 +81,14 @@ from kanejax._operation_count import OperationCount as OperationCount, operation
 # What needs MuJoCo, diffrax or rich is imported when it is first used: they take longer than all else here. Type checkers read
 # the imports, Python reads the table.
 if _typing.TYPE_CHECKING:
-    from kanejax import constraints as constraints, costs as costs
+    from kanejax import constraints as constraints, costs as costs, distributions as distributions
+    from kanejax._dataset.study import (
+        GivenForces as GivenForces,
+        RandomForces as RandomForces,
+        Randomized as Randomized,
+        Study as Study,
+    )
+    from kanejax._dataset.write_study import StudyInterrupted as StudyInterrupted, write_study as write_study
     from kanejax._excitation.excitation import ExcitationDesign as ExcitationDesign, excitation as excitation
     from kanejax._excitation.fourier_motion import (
         FourierMotion as FourierMotion,
@@ -164,6 +173,8 @@ if _typing.TYPE_CHECKING:
     from kanejax._validate.validate import validate as validate
 else:
     _LATER = {
+        "_dataset.study": ("GivenForces", "RandomForces", "Randomized", "Study"),
+        "_dataset.write_study": ("StudyInterrupted", "write_study"),
         "_excitation.excitation": ("ExcitationDesign", "excitation"),
         "_excitation.fourier_motion": ("FourierMotion", "motion_table", "write_csv"),
         "_excitation.motion_information": ("MotionInformation", "motion_information"),
@@ -217,7 +228,7 @@ else:
     }
     _MODULES = {name: f"{__name__}.{module}" for module, names in _LATER.items() for name in names}
     # These are modules themselves.
-    _MODULES |= {"constraints": __name__, "costs": __name__}
+    _MODULES |= {"constraints": __name__, "costs": __name__, "distributions": __name__}
 
     def __getattr__(name: str) -> object:
         """Import a public name when it is first used."""

@@ -5,6 +5,7 @@ others are drawn with it.
 """
 
 import abc
+import dataclasses
 from typing import Any, final
 
 import equinox as eqx
@@ -20,6 +21,11 @@ def _numbers(**options: Any) -> Any:
 
 class AbstractDistribution(eqx.Module):
     """Independent numbers; what is given as an array has a value for each of them, in the order of what is drawn."""
+
+    def __str__(self) -> str:
+        """Name and parameters."""
+        values = ", ".join(f"{field.name} = {getattr(self, field.name).tolist()}" for field in dataclasses.fields(self))
+        return f"{type(self).__name__}({values})"
 
     @abc.abstractmethod
     def of(self, numbers: Float[np.ndarray, "count width"]) -> Float[np.ndarray, "count width"]:

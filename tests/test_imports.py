@@ -27,6 +27,9 @@ BELOW = {
     "_kinematics": {"_types", "_scalar", "_model", "_recursion", "_evaluate"},
     "_dynamics": {"_types", "_scalar", "_model", "_recursion", "_evaluate", "_kinematics"},
     "_simulate": {"_types", "_scalar", "_model", "_recursion", "_evaluate", "_kinematics", "_dynamics", "_lanes", "_errors"},
+    "_mesh": set(),
+    "distributions": set(),
+    "_dataset": {"distributions", "_simulate", "_model", "_dynamics", "_lanes", "_toml", "_errors", "__version__"},
     "_logs": {"_model", "_errors"},
     "_parameters": {"_types", "_scalar", "_model", "_evaluate", "_dynamics", "_errors"},
     "_regression": {"_logs", "_parameters", "_model", "_evaluate", "_dynamics", "_errors"},
@@ -78,6 +81,7 @@ def test_import_is_light():
         "matplotlib",
         "jinja2",
         "cyipopt",
+        "zarr",
     }
     run(f"import sys, kanejax; assert not {heavy} & set(sys.modules)")
 

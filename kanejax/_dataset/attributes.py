@@ -102,8 +102,7 @@ def hash_of_function(function: Any, model: Any) -> str:
 def _described(source: Any) -> str:
     """A distribution in words, or the hash of what is given."""
     if isinstance(source, AbstractDistribution):
-        fields = ", ".join(f"{name} = {np.asarray(value).tolist()}" for name, value in vars(source).items())
-        return f"{type(source).__name__}({fields})"
+        return str(source)
     return f"given, sha256 {hash_of(np.asarray(source))}"
 
 

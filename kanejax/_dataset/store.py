@@ -129,7 +129,7 @@ def check(path: Path, layout: Mapping[str, ArrayLayout], chunk: int, attributes:
     wanted: dict[str, Any] = {}
     _write_empty(wanted, layout, chunk, attributes)
     # The root first, whose attributes say most.
-    for key in sorted(wanted, key=len):
+    for key in sorted(wanted, key=lambda key: ("/" in key, key)):
         _compare(path, key, wanted[key].to_bytes())
 
 

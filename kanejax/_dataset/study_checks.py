@@ -41,7 +41,7 @@ def check_states(model: Model, trajectories: int, q0: Any, u0: Any) -> None:
     for joint, kind in zip(model.tree.joint_names, model.tree.joint_types, strict=True):
         if isinstance(q0, AbstractDistribution) and COORDINATES[kind] > 1:
             raise ValueError(
-                f"joint {joint!r} has a quaternion, which cannot be drawn number by number; leave q0 out, or give states"
+                f"q0 of joint {joint!r} is a quaternion, which is not drawn number by number; leave q0 out, or give states"
             )
 
 
@@ -106,9 +106,7 @@ def _check_width(what: str, distribution: AbstractDistribution, width: int) -> N
     except ValueError:
         shape = None
     if shape != (1, width):
-        raise ValueError(
-            f"{what}, {distribution}, does not fit {width} numbers; give each of its parameters as one number, or {width}"
-        )
+        raise ValueError(f"{what}, {distribution}, is for {width} numbers; give each of its parameters as one number, or {width}")
 
 
 def _check_shape(what: str, values: Any, needed: tuple[int, ...], names: str) -> None:
