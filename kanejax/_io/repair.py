@@ -90,7 +90,7 @@ def compile_with_stated_inertias(spec: mujoco.MjSpec, origin: str, *, repair: bo
         raise InvalidInertiaError(f"{origin}: {'; '.join(refused)}. Either {_REMEDY}")
     if substituted:
         _check_nothing_derived(spec, origin)
-    mj_model, dropped = compiled(spec, origin)
+    mj_model, warned = compiled(spec, origin)
     for index, (stated, placeholder_mass, placeholder_moments) in substituted.items():
         # The compiled placeholder differs from the one written only by a scale that the file asks for, if by any.
         mj_model.body_mass[index] = stated.mass * (mj_model.body_mass[index] / placeholder_mass)
@@ -100,7 +100,7 @@ def compile_with_stated_inertias(spec: mujoco.MjSpec, origin: str, *, repair: bo
     if substituted and is_regular(mj_model):
         mujoco.mj_setConst(mj_model, mujoco.MjData(mj_model))
     inertials = {index: inertial_of(mj_model, index) for index in sorted({*substituted, *changed})}
-    return CompiledInertias(mj_model, inertials, dropped + ignored, repaired)
+    return CompiledInertias(mj_model, inertials, warned + ignored, repaired)
 
 
 def inertial_of(mj_model: mujoco.MjModel, body: int) -> Inertial:

@@ -4,6 +4,7 @@ import collections
 from xml.etree import ElementTree
 
 from kanejax._errors import ModelFileError, UnsupportedModelError
+from kanejax._io.mjcf_size import LARGEST_TREE, too_large
 from kanejax._io.xml_text import numbers_of, text_of
 
 FIXED = "fixed"
@@ -22,7 +23,9 @@ def check_expanded(robot: ElementTree.Element, origin: str) -> None:
 
 
 def check_links(links: list[ElementTree.Element], origin: str) -> None:
-    """Refuse links without a name, or two of one name."""
+    """Refuse links without a name, or two of one name, and more than can be compiled."""
+    if len(links) > LARGEST_TREE:
+        raise ModelFileError(too_large(origin, f"{len(links)} links, but at most {LARGEST_TREE} can be loaded"))
     names = [text_of(link, "name", origin) for link in links]
     repeated = _repeated(names)
     if repeated:
@@ -117,12 +120,15 @@ def _unused_name(name: str, used: set[str]) -> str:
 
 
 def _check_no_loop(parent_of: dict[str, str], names: set[str], origin: str) -> None:
+    checked: set[str] = set()
     for name in sorted(names):
-        ancestor = name
-        for _ in names:
-            ancestor = parent_of.get(ancestor, ancestor)
-        if ancestor in parent_of:
-            raise ModelFileError(f"{origin}: link {name!r} hangs on a loop of joints; a URDF must be a tree")
+        path, link = {name}, name
+        while link in parent_of and link not in checked:
+            link = parent_of[link]
+            if link in path:
+                raise ModelFileError(f"{origin}: link {name!r} hangs on a loop of joints; a URDF must be a tree")
+            path.add(link)
+        checked |= path
 
 
 def check_inertial(link: ElementTree.Element, owner: str, repair: bool, repaired: list[str]) -> None:
