@@ -133,10 +133,12 @@ def _files(spec: mujoco.MjSpec) -> list[str]:
 def _meshes_for_inertia(spec: mujoco.MjSpec) -> dict[str, str]:
     """Return the names of meshes that inertias of moving bodies depend on, each with the name of such a body."""
     needed: dict[str, str] = {}
+    # Of names that mean no mesh, MuJoCo tells.
+    names = {mesh.name for mesh in spec.meshes}
     for index, (body, moves) in enumerate(bodies_and_motion(spec)):
         if moves and takes_inertia_from_geoms(body):
             for geom in body.geoms:
-                if geom.meshname and _has_mass(geom, body.compiler):
+                if geom.meshname in names and _has_mass(geom, body.compiler):
                     needed.setdefault(geom.meshname, body.name or f"number {index}")
     return needed
 

@@ -30,7 +30,7 @@ def folders_of(path: Path | None) -> Folders:
     """The folders of a file that the user named; None for XML text."""
     if path is None:
         return Folders(())
-    return Folders(tuple(dict.fromkeys((path.parent.resolve(), path.resolve().parent))), (path.parent,))
+    return Folders(tuple(dict.fromkeys((path.parent.resolve(), path.resolve().parent))), (path.absolute().parent,))
 
 
 def permitted_file(name: str, bases: Iterable[Path], roots: tuple[Path, ...], owner: str) -> Path | None:

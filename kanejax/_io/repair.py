@@ -172,7 +172,7 @@ def _check_nothing_derived(spec: mujoco.MjSpec, origin: str) -> None:
 
 def _complete(mj_model: mujoco.MjModel, origin: str, repair: bool, repaired: list[str]) -> list[int]:
     """Make the mass matrix regular by changing bodies of `mj_model`, whose ids are returned, or raise."""
-    deficient = deficient_bodies(mj_model)
+    deficient, complete = deficient_bodies(mj_model)
     names = [f"{mj_model.body(body).name or f'number {body}'!r}" for body in deficient]
     if deficient and not repair:
         numbers = _described(mj_model.body_mass[deficient[0]], mj_model.body_inertia[deficient[0]])
@@ -180,6 +180,11 @@ def _complete(mj_model: mujoco.MjModel, origin: str, repair: bool, repaired: lis
             f"{origin}: body {', '.join(names)}: a joint moves too little inertia, so the mass matrix is singular "
             f"({names[0]}: {numbers}); "
             "write an inertia in the file, or load with repair=True for a small one"
+        )
+    if not complete:
+        raise InvalidInertiaError(
+            f"{origin}: more than {len(deficient)} bodies need an inertia, too many to repair; write them in the file, the first of "
+            f"body {names[0]}"
         )
     for body, name in zip(deficient, names, strict=True):
         before = _described(mj_model.body_mass[body], mj_model.body_inertia[body])

@@ -133,6 +133,7 @@ def _spec(xml: str, path: Path | None, origin: str) -> tuple[mujoco.MjSpec, list
     """Let MuJoCo read a file, so that it finds what the file includes, or else a string; also what it warns of."""
     try:
         with mujoco_warnings() as warned:
-            return mujoco.MjSpec.from_string(xml) if path is None else mujoco.MjSpec.from_file(str(path)), warned
+            # Of a path that is not absolute, MuJoCo forgets in places what it is relative to.
+            return mujoco.MjSpec.from_string(xml) if path is None else mujoco.MjSpec.from_file(str(path.absolute())), warned
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise ModelFileError(f"{origin}: MuJoCo cannot read the model: {one_line(error)}") from error
