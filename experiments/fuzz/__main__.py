@@ -1,4 +1,4 @@
-"""Load many hostile inputs: `python -m experiments.fuzz [--inputs 12000] [--seed 0] [--into folder]`; exit code 1 if one goes wrong.
+"""Load hostile inputs: `python -m experiments.fuzz [--inputs 12000] [--seed 0] [--into folder]`; exit code 1 if one goes wrong.
 
 Every input loads, or is refused with an error that the library names; no process dies, hangs, or takes much memory, no file outside
 of the input's folder changes what is loaded, and none is written. Reproducible by seed; --into keeps the inputs that go wrong.
@@ -100,7 +100,9 @@ def main() -> int:
     console.print(table(tally))
     for finding in tally.findings:
         console.print(f"{finding.kind} {finding.seed}: {finding.outcome}: {finding.finding}", markup=False)
-    console.print(f"{arguments.inputs} inputs of seed {arguments.seed} in {time.perf_counter() - start:.0f} s, {len(tally.findings)} findings")
+    console.print(
+        f"{arguments.inputs} inputs of seed {arguments.seed} in {time.perf_counter() - start:.0f} s, {len(tally.findings)} findings"
+    )
     if arguments.into:
         keep(tally.findings, arguments.into)
     return int(bool(tally.findings))

@@ -2,8 +2,10 @@
 
 import io
 import struct
+import warnings
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,8 +23,8 @@ class Case(NamedTuple):
     kind: str
     main: str
     files: dict[str, bytes]
-    links: dict[str, str] = {}
-    options: dict[str, Any] = {}
+    links: Mapping[str, str] = MappingProxyType({})
+    options: Mapping[str, Any] = MappingProxyType({})
 
 
 def case(kind: str, seed: int) -> Case:
@@ -64,7 +66,10 @@ def _text(random: Random) -> Case:
 
 def _mesh(random: Random) -> Case:
     """A mesh that an inertia needs."""
-    corners, triangles = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]), np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    corners, triangles = (
+        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+    )
     if random.random() < 0.5:
         name, data = "part.obj", seeds.TETRAHEDRON
     else:
@@ -80,15 +85,68 @@ def _mesh(random: Random) -> Case:
 
 
 _VALUES: tuple[Any, ...] = (
-    *(float("nan"), float("inf"), 1e308, 1e-320, -1.0, 0.0, -0.0, 10**400, None, "x", "1", b"1", True, 1j, [], [[]], {}, (1, 2), (1, 2, 3)),
-    *(np.zeros((3, 3)), np.full((3, 3), np.nan), np.eye(3), np.ones((2, 3, 3)), np.array("a"), np.array([None] * 3), object(), "\u0661", 2**63),
-    *((1, (2, 3)), ("a", 1, 2), np.float32(1), range(3), lambda: 1, [[1, 0, 0], [0, 1], [0, 0, 1]], "ball", "prismatic", (1e308,) * 3),
+    *(
+        float("nan"),
+        float("inf"),
+        1e308,
+        1e-320,
+        -1.0,
+        0.0,
+        -0.0,
+        10**400,
+        None,
+        "x",
+        "1",
+        b"1",
+        True,
+        1j,
+        [],
+        [[]],
+        {},
+        (1, 2),
+        (1, 2, 3),
+    ),
+    *(
+        np.zeros((3, 3)),
+        np.full((3, 3), np.nan),
+        np.eye(3),
+        np.ones((2, 3, 3)),
+        np.array("a"),
+        np.array([None] * 3),
+        object(),
+        "\u0661",
+        2**63,
+    ),
+    *(
+        (1, (2, 3)),
+        ("a", 1, 2),
+        np.float32(1),
+        range(3),
+        lambda: 1,
+        [[1, 0, 0], [0, 1], [0, 0, 1]],
+        "ball",
+        "prismatic",
+        (1e308,) * 3,
+    ),
 )
 
 
 def _dh(random: Random) -> Case:
     """Rows of a table, as keyword arguments, with some values that should not be there."""
-    fields = ("mass", "com", "central_inertia", "joint", "alpha", "a", "d", "theta", "rotation", "next_origin", "name", "joint_name")
+    fields = (
+        "mass",
+        "com",
+        "central_inertia",
+        "joint",
+        "alpha",
+        "a",
+        "d",
+        "theta",
+        "rotation",
+        "next_origin",
+        "name",
+        "joint_name",
+    )
     fields += ("armature", "damping", "coulomb_friction", "joint_range")
     rows: list[Any] = [
         {"mass": 1.0, "com": (0.1, 0, 0), "central_inertia": (1.0, 1.0, 1.0), "alpha": 0.3, "a": 0.2, "d": 0.1}
@@ -112,7 +170,13 @@ def _dh(random: Random) -> Case:
 
 def _log_options(random: Random) -> dict[str, Any]:
     drop = {"bad_rows": str(random.choice(["error", "drop"])), "repeated": str(random.choice(["error", "drop"]))}
-    more = [{}, {}, {}, {"delimiter": str(random.choice([",", ";", " ", "\t", "\0", '"', "\n", "\u00e9"]))}, {"header": bool(random.integers(0, 2))}]
+    more = [
+        {},
+        {},
+        {},
+        {"delimiter": str(random.choice([",", ";", " ", "\t", "\0", '"', "\n", "\u00e9"]))},
+        {"header": bool(random.integers(0, 2))},
+    ]
     return {**drop, **more[int(random.integers(0, len(more)))]}
 
 
@@ -121,7 +185,11 @@ def _csv(random: Random) -> Case:
     draw = random.random()
     if draw < 0.08:
         long = (b'"', b"1" * 500_000 + b",", b",".join([b"1"] * 300_000), b'"' + b"x\n" * 100_000, b"a," * 100_000 + b"\n")
-        data = data + long[int(random.integers(0, len(long)))] if random.random() < 0.5 else long[int(random.integers(0, len(long)))] + data
+        data = (
+            data + long[int(random.integers(0, len(long)))]
+            if random.random() < 0.5
+            else long[int(random.integers(0, len(long)))] + data
+        )
     elif draw < 0.4:
         data = changed_lines(data, random)
     elif draw < 0.7:
@@ -141,9 +209,22 @@ def _npz(random: Random) -> Case:
     columns: dict[str, Any] = dict(zip(names, values.T, strict=True))
     name = names[int(random.integers(0, len(names)))]
     hostile = (
-        *(np.array([1, None, "x"], object), np.array(["a", "b"]), np.zeros((2, 2, 2)), np.zeros(0), np.array(1.0), np.full(12, np.nan)),
+        *(
+            np.array([1, None, "x"], object),
+            np.array(["a", "b"]),
+            np.zeros((2, 2, 2)),
+            np.zeros(0),
+            np.array(1.0),
+            np.full(12, np.nan),
+        ),
         *(np.arange(12) * 1j, np.zeros(12, "M8[ns]"), np.zeros(12, "m8[Y]"), np.zeros(12, [("a", "f8")]), np.zeros(12, bool)),
-        *(np.zeros((12, 3)), np.full(12, 2**63, np.uint64), np.zeros(12, np.float16), np.arange(12, dtype=">f8"), np.zeros((12, 0))),
+        *(
+            np.zeros((12, 3)),
+            np.full(12, 2**63, np.uint64),
+            np.zeros(12, np.float16),
+            np.arange(12, dtype=">f8"),
+            np.zeros((12, 0)),
+        ),
     )
     stream = io.BytesIO()
     columns[name] = hostile[int(random.integers(0, len(hostile)))]
@@ -159,7 +240,8 @@ def _patch_header(stream: io.BytesIO, name: str, random: Random) -> None:
     types = ("'<f8'", "'|O'", "'<U1000000000'", "'V99999999999'", "[('a', '|O')]", "'klingon'")
     header = f"{{'descr': {random.choice(types)}, 'fortran_order': False, 'shape': {random.choice(shapes)}, }}".encode() + b"\n"
     array = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header) % 65536) + header + bytes(96)
-    with zipfile.ZipFile(stream, "a") as archive:
+    with zipfile.ZipFile(stream, "a") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         archive.writestr(f"{random.choice(['../', '/', ''])}{random.choice([name, 'new', 'time'])}.npy", array)
 
 

@@ -1,6 +1,7 @@
 """Loading an input, and judging what comes of it."""
 
 import functools
+import inspect
 import os
 import resource
 import time
@@ -86,7 +87,10 @@ def nonsense(loaded: Any, case: Case) -> str:
         return "a negative mass"
     if loaded.gravity[2] == _FORBIDDEN_GRAVITY:
         return "a file outside of the folder was read"
-    moderate = all(np.abs(np.nan_to_num(np.asarray(leaf), posinf=0, neginf=0)).max(initial=0) < _LARGEST_SQUARED for leaf in jax.tree.leaves(loaded))
+    moderate = all(
+        np.abs(np.nan_to_num(np.asarray(leaf), posinf=0, neginf=0)).max(initial=0) < _LARGEST_SQUARED
+        for leaf in jax.tree.leaves(loaded)
+    )
     if tree in _known_trees() and moderate and "allow_unphysical" in case.options and not case.options["allow_unphysical"]:
         q, u = np.array(loaded.coordinate_reference), np.linspace(-1, 1, tree.nv)
         if not np.all(np.isfinite(_inverse_dynamics(loaded, q, u, u[::-1]))):
@@ -116,8 +120,16 @@ def _robot(case: Case, path: Path) -> Model:
 
 def _dh(case: Case, _: Path) -> Model:
     options = dict(case.options)
-    rows = [kj.DHLink(**row) if isinstance(row, dict) and "mass" in row else row for row in options.pop("rows")]
-    return kj.from_dh(rows, **options)
+    rows = [_row(row) if isinstance(row, dict) and "mass" in row else row for row in options.pop("rows")]
+    # Without the type checks of the tests, which would come before those of `from_dh`.
+    return inspect.unwrap(kj.from_dh)(rows, **options)
+
+
+def _row(fields: dict[str, Any]) -> kj.DHLink:
+    row = kj.DHLink(1.0)
+    for name, value in fields.items():
+        object.__setattr__(row, name, value)
+    return row
 
 
 def _log(case: Case, path: Path) -> Log:

@@ -6,10 +6,40 @@ import numpy as np
 
 NUMBERS = (
     *("nan", "inf", "-inf", "NaN", "1e308", "-1e308", "1e309", "1e-320", "-0", "0", "-1", "1", "1e15", "2147483648", "4294967297"),
-    *("", "abc", "0x10", "1_000", "1,5", "1e", "--1", "\u0661\u0662", "9" * 400, "0." + "3" * 3000, "1e99999", "true", "None", "\u00bd"),
+    *(
+        "",
+        "abc",
+        "0x10",
+        "1_000",
+        "1,5",
+        "1e",
+        "--1",
+        "\u0661\u0662",
+        "9" * 400,
+        "0." + "3" * 3000,
+        "1e99999",
+        "true",
+        "None",
+        "\u00bd",
+    ),
     *("100000000", "1000000000000", "3 4", "1 2 3 4 5 6 7 8 9", "[1, 2]", "1e-300", "180", "2.5"),
 )
-NAMES = ("", "world", "base", "..", "/", "a" * 5000, "\u00e9", "name with blanks", "%s%n", "{joint}", "\u202e", "0", "x/../y", "hinge")
+NAMES = (
+    "",
+    "world",
+    "base",
+    "..",
+    "/",
+    "a" * 5000,
+    "\u00e9",
+    "name with blanks",
+    "%s%n",
+    "{joint}",
+    "\u202e",
+    "0",
+    "x/../y",
+    "hinge",
+)
 _NUMBER = re.compile(rb"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 
 
@@ -21,7 +51,11 @@ def number(random: np.random.Generator) -> str:
 def changed_numbers(data: bytes, random: np.random.Generator) -> bytes:
     """Replace some of the numbers in a text."""
     places = list(_NUMBER.finditer(data))
-    for index in sorted(random.choice(len(places), min(len(places), int(random.integers(1, 4))), replace=False), reverse=True) if places else ():
+    for index in (
+        sorted(random.choice(len(places), min(len(places), int(random.integers(1, 4))), replace=False), reverse=True)
+        if places
+        else ()
+    ):
         begin, end = places[index].span()
         data = data[:begin] + number(random).encode() + data[end:]
     return data
@@ -44,11 +78,17 @@ def changed_bytes(data: bytes, random: np.random.Generator) -> bytes:
         case 3:
             return data[:place] + random.bytes(int(random.integers(1, 9))) + data[place:]
         case 4:
-            return data[:place] + bytes(random.choice([b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"\r", b"\x1a", b'"', b"&", b"<", b"\n"])) + data[place:]
+            return (
+                data[:place]
+                + bytes(random.choice([b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"\r", b"\x1a", b'"', b"&", b"<", b"\n"]))
+                + data[place:]
+            )
         case 5:
             return b"\xef\xbb\xbf" + data
         case 6:
-            return data.decode("utf-8", "replace").encode(str(random.choice(["utf-16", "utf-16-le", "utf-32", "cp037", "utf-7"])), "replace")
+            return data.decode("utf-8", "replace").encode(
+                str(random.choice(["utf-16", "utf-16-le", "utf-32", "cp037", "utf-7"])), "replace"
+            )
         case 7:
             return data.replace(b"\n", b"\r\n")
         case 8:

@@ -21,7 +21,10 @@ URDF = (
         f'<link name="l{i}">{_INERTIAL}<visual><geometry><mesh filename="package://arm/l{i}.stl"/></geometry></visual></link>\n'
         for i in range(1, 5)
     )
-    + "".join(_JOINT.format(i, "base" if i == 1 else f"l{i - 1}", f"l{i}", kind) + "\n" for i, kind in enumerate(("revolute", "prismatic", "continuous", "fixed"), 1))
+    + "".join(
+        _JOINT.format(i, "base" if i == 1 else f"l{i - 1}", f"l{i}", kind) + "\n"
+        for i, kind in enumerate(("revolute", "prismatic", "continuous", "fixed"), 1)
+    )
     + "</robot>\n"
 )
 MJCF = """<mujoco model="arm">
@@ -53,7 +56,9 @@ MJCF = """<mujoco model="arm">
   <custom><numeric name="n" data="1 2"/><text name="x" data="hello"/></custom>
 </mujoco>
 """
-PENDULUM = '<mujoco><worldbody><body name="arm"><joint name="hinge"/><geom name="ball" size="0.1" mass="1"/></body></worldbody></mujoco>'
+PENDULUM = (
+    '<mujoco><worldbody><body name="arm"><joint name="hinge"/><geom name="ball" size="0.1" mass="1"/></body></worldbody></mujoco>'
+)
 TETRAHEDRON = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 # What an MJCF of the seeds finds beside it.
 BESIDE = {"meshes/part.obj": TETRAHEDRON, "more.xml": b'<mujoco><option gravity="0 0 -1"/></mujoco>'}

@@ -37,7 +37,7 @@ SNIPPETS = (
     '<option gravity="{number} 0 0" density="{number}"/>',
     '<option><flag gravity="disable" contact="disable" energy="enable"/></option>',
     '<default class="main"><joint damping="{number}"/></default>',
-    '<extension><plugin plugin="mujoco.elasticity.cable"><instance name="i"><config key="twist" value="{number}"/></instance></plugin></extension>',
+    '<extension><plugin plugin="mujoco.elasticity.cable"><instance name="i"/></plugin></extension>',
     '<sensor><user name="u" dim="{number}"/></sensor>',
     '<sensor><contact num="{number}" geom1="ball"/></sensor>',
     '<actuator><general joint="hinge" dyntype="user" actdim="{number}"/></actuator>',
@@ -48,7 +48,19 @@ SNIPPETS = (
     '<mimic joint="j1" multiplier="{number}"/>',
     '<mujoco><compiler balanceinertia="true" meshdir="{file}"/></mujoco>',
 )
-FILES = ("../secret.xml", "/etc/passwd", "/dev/zero", "meshes/../../secret.xml", "..\\secret.xml", "link.xml", "main.xml", "", "meshes", "none.obj", "a" * 5000)
+FILES = (
+    "../secret.xml",
+    "/etc/passwd",
+    "/dev/zero",
+    "meshes/../../secret.xml",
+    "..\\secret.xml",
+    "link.xml",
+    "main.xml",
+    "",
+    "meshes",
+    "none.obj",
+    "a" * 5000,
+)
 
 
 def snippet(random: np.random.Generator) -> str:
@@ -119,7 +131,7 @@ def _move(root: ElementTree.Element, random: np.random.Generator) -> None:
 def _nest(root: ElementTree.Element, random: np.random.Generator) -> None:
     if found := _with_parent(root, random):
         parent, index = found
-        for _ in range(int(random.choice([1, 2, 40, 700]))):
+        for _ in range(int(random.choice([1, 2, 40, 250]))):
             outer = ElementTree.Element(parent[index].tag, parent[index].attrib)
             outer.append(parent[index])
             parent[index] = outer

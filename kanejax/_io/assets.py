@@ -63,9 +63,10 @@ def check_needed_files(spec: mujoco.MjSpec, needed: dict[str, str], folders: Fol
     for name, body in needed.items():
         mesh = spec.mesh(name)
         if mesh.file and mesh.file not in spec.assets:
-            names = [mesh.file, Path(mesh.file).name] if spec.strippath else [mesh.file]
             bases = [base / mesh.compiler.meshdir for base in folders.bases]
-            for file in names[-1:] if len(folders.bases) == 1 else names:
+            # Of parts from other files it is not known whether they strip paths.
+            stripped = spec.strippath and len(bases) == 1
+            for file in (Path(mesh.file).name,) if stripped else (mesh.file, Path(mesh.file).name):
                 permitted_file(file, bases, folders.roots, f"{origin}: body {body!r}, whose inertia is that of mesh {name!r},")
 
 

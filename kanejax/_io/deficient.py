@@ -10,6 +10,7 @@ import copy
 import mujoco
 import numpy as np
 
+from kanejax._errors import InvalidInertiaError
 from kanejax._io.inertial import REPAIR_MASS, REPAIR_RADIUS
 
 # Smallest eigenvalue of the mass matrix scaled to unit diagonal that counts as regular, and smallest diagonal element.
@@ -83,8 +84,9 @@ def _mass_matrix(mj_model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
     mujoco.mj_comPos(mj_model, mj_data)
     mujoco.mj_crb(mj_model, mj_data)
     mass_matrix = np.zeros((mj_model.nv, mj_model.nv))
-    for row, unit in zip(mass_matrix, np.eye(mj_model.nv), strict=True):
-        mujoco.mj_mulM(mj_model, mj_data, row, unit)
+    mujoco.mj_fullM(mj_model, mj_data, mass_matrix)
+    if not np.all(np.isfinite(mass_matrix)):
+        raise InvalidInertiaError("the mass matrix is not finite: a mass, an inertia or a position is too large; correct the file")
     return mass_matrix
 
 

@@ -255,7 +255,9 @@ def _rotation(values: Numbers, label: str) -> np.ndarray:
 
 def _inertia(link: DHLink, label: str) -> np.ndarray:
     values = link.central_inertia
-    inertia = _float_array(values, f"{label}: central_inertia = {values!r} is no array of numbers; it needs the shape (3, 3) or (3,)")
+    inertia = _float_array(
+        values, f"{label}: central_inertia = {values!r} is no array of numbers; it needs the shape (3, 3) or (3,)"
+    )
     if inertia.shape == (3,):
         return np.diag(inertia)
     if inertia.shape != (3, 3):

@@ -39,7 +39,9 @@ def permitted_file(name: str, bases: Iterable[Path], roots: tuple[Path, ...], ow
     Raises ModelFileError if it lies outside of `roots`, or is no file: devices and pipes never end.
     """
     if not roots:
-        raise ModelFileError(f"{owner} names the file {name!r}, but XML text reads no files; write it to a file beside those it needs")
+        raise ModelFileError(
+            f"{owner} names the file {name!r}, but XML text reads no files; write it to a file beside those it needs"
+        )
     # MuJoCo takes either slash for one.
     candidates = [base / name.replace("\\", "/") for base in bases]
     inside = [candidate for candidate in candidates if _is_below(candidate, roots)]

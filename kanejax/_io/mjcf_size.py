@@ -53,7 +53,9 @@ def check_size(document: MjcfDocument, origin: str) -> None:
             raise ModelFileError(f"{origin}: <{element.tag}> makes {copies} copies, but at most {_MOST_COPIES} can be made")
         depth, elements, bodies = depth + (element.tag == "body"), elements + copies, bodies + copies * (element.tag == "body")
         if bodies > LARGEST_TREE or elements > _LARGEST_ELEMENTS:
-            raise ModelFileError(too_large(origin, f"more than {LARGEST_TREE} bodies or {_LARGEST_ELEMENTS} elements, with all copies"))
+            raise ModelFileError(
+                too_large(origin, f"more than {LARGEST_TREE} bodies or {_LARGEST_ELEMENTS} elements, with all copies")
+            )
         if depth > DEEPEST_TREE:
             raise ModelFileError(too_large(origin, f"more than {DEEPEST_TREE} bodies one below another"))
         part = owner.models.get(element.get("model", "")) if element.tag == "attach" else None

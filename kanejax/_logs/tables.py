@@ -13,7 +13,6 @@ import numpy as np
 
 from kanejax._errors import LogError
 
-
 # Letters of a value in a message.
 _LONGEST = 200
 # A packed file may unpack to this many bytes, or else to this many times its size.
@@ -132,7 +131,8 @@ def _is_number(field: str) -> bool:
 def npz_table(path: Path) -> Table:
     """Open an NPZ file; its arrays are the columns, or one of them holds all joints of a quantity."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # NumPy does not close a file that is no archive.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             names = tuple(archive.files)
     except Exception as error:
         raise LogError(f"{path}: not an NPZ file: {shortened(error)}") from error
@@ -141,7 +141,7 @@ def npz_table(path: Path) -> Table:
 
 def _npz_samples(path: Path, names: Sequence[str], places: Sequence[int]) -> Samples:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             entries = {entry.filename: entry.file_size for entry in archive.zip.infolist()}
             wanted = {names[place] for place in places}
             _check_unpacked(path, sum(entries.get(f"{name}.npy", entries.get(name, 0)) for name in wanted))
@@ -167,8 +167,8 @@ def parquet_table(path: Path) -> Table:
 def _parquet_samples(parquet: Any, path: Path, names: Sequence[str], places: Sequence[int]) -> Samples:
     try:
         file = parquet.ParquetFile(path)
-        groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
-        unpacked = sum(group.column(i).total_uncompressed_size for group in groups for i in range(group.num_columns))
+        # What Arrow has of single columns ends the process if a file contradicts itself.
+        unpacked = sum(file.metadata.row_group(i).total_byte_size for i in range(file.metadata.num_row_groups))
         _check_unpacked(path, max(unpacked, 8 * file.metadata.num_rows * len(places)))
         table = file.read(columns=[names[place] for place in dict.fromkeys(places)])
         columns = [table.column(names[place]) for place in places]
