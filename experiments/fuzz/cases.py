@@ -77,6 +77,12 @@ def _mesh(random: Random) -> Case:
         name, data = "part.stl", bytes(80) + struct.pack("<I", len(triangles)) + rows
         if random.random() < 0.2:
             data = data[:80] + struct.pack("<I", int(random.choice([0, 1, 200_000, 2**31, 2**32 - 1]))) + data[84:]
+    if random.random() < 0.2:
+        # MuJoCo's own format: four counts, and the numbers.
+        counts = [4, 0, 0, 4]
+        if random.random() < 0.5:
+            counts[int(random.integers(0, 4))] = int(random.choice([-1, 0, 5, 10**6, 2**31 - 1, -(2**31)]))
+        name, data = "part.msh", struct.pack("<4i", *counts) + corners.astype("<f4").tobytes() + triangles.astype("<i4").tobytes()
     data = changed_numbers(data, random) if name.endswith("obj") and random.random() < 0.6 else changed_bytes(data, random)
     body = f'<body><joint/><geom type="mesh" mesh="m" density="{random.choice(["1000", "1e-9", "1e30"])}"/></body>'
     kind = random.choice(["legacy", "exact", "convex", "shell"])

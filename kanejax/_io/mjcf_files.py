@@ -127,8 +127,9 @@ def _parsed_file(path: Path) -> ElementTree.Element:
 
 def _is_below(path: Path, roots: tuple[Path, ...]) -> bool:
     try:
-        resolved = path.resolve()
+        # MuJoCo takes ".." for the folder above in the text of a path, the system for the one above in the files.
+        resolved = [path.resolve(), Path(os.path.normpath(path)).resolve()]
     except (OSError, ValueError, RuntimeError):
         # Such as links in a circle, or a name with a null character.
         return False
-    return any(resolved.is_relative_to(root) for root in roots)
+    return all(any(each.is_relative_to(root) for root in roots) for each in resolved)

@@ -65,8 +65,8 @@ def compile_source(
     listed in `ignored`. A body's numbers that no rigid body can have, or that leave the mass matrix singular, raise
     InvalidInertiaError; `repair` changes them by the least that helps and lists each change, `allow_unphysical` keeps
     those that leave the mass matrix regular and warns with UnphysicalInertiaWarning. Raises ModelFileError for
-    anything else that is wrong with the file. Mesh files are not needed unless the inertia of a moving body comes from
-    them.
+    anything else that is wrong with the file. Mesh files are not read unless the inertia of a moving body comes from
+    them, and no file is from outside of the folder of an MJCF.
     """
     opened = _opened(source, repair)
     spec = opened.spec

@@ -150,7 +150,7 @@ def _npz_samples(path: Path, names: Sequence[str], places: Sequence[int]) -> Sam
         raise
     except Exception as error:
         # What is wrong with an array shows only when it is read.
-        raise LogError(f"{path}: an array cannot be read as numbers: {shortened(error)}") from error
+        raise LogError(f"{path}: an array is not of numbers, or broken: {shortened(error)}") from error
     return Samples([_numbers(path, names[place], arrays[place]) for place in places], {})
 
 

@@ -111,6 +111,15 @@ def test_files_outside_of_the_folder_are_refused(element: str, file: str, tmp_pa
         kj.load(path)
 
 
+def test_links_cannot_turn_the_meaning_of_two_dots(tmp_path: pathlib.Path) -> None:
+    path = inside(tmp_path, mjcf(before='<include file="link/../../secret.xml"/>'))
+    (path.parent / "a/b").mkdir(parents=True)
+    (path.parent / "secret.xml").write_text("<mujoco/>")
+    (path.parent / "link").symlink_to("a/b")
+    with pytest.raises(kj.ModelFileError, match="lies outside"):
+        kj.load(path)
+
+
 def test_includes_cannot_hide(tmp_path: pathlib.Path) -> None:
     hidden = '<option><include xmlns="http://x" file="../secret.xml"/></option>'
     with pytest.raises(kj.ModelFileError, match="lies outside"):
