@@ -1,6 +1,8 @@
 """TOML files whose every key is known: what a value must be, in words, and errors of one line."""
 
+import math
 import os
+import sys
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -55,7 +57,14 @@ def table_of(kind: Kind, words: str) -> Kind:
 
 def number(words: str, accepts: Callable[[float], bool] = lambda _: True) -> Kind:
     """A number, whole or not."""
-    return Kind(words, lambda value: isinstance(value, int | float) and not isinstance(value, bool) and accepts(value), float)
+    return Kind(words, lambda value: _is_number(value) and accepts(value), float)
+
+
+def _is_number(value: Any) -> bool:
+    """Infinite ones are, such as bounds; NaN is not, nor what no float can hold."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        return abs(value) <= sys.float_info.max
+    return isinstance(value, float) and not math.isnan(value)
 
 
 def whole(words: str, least: int | None = None) -> Kind:
@@ -99,7 +108,8 @@ def parsed_toml(text: str, origin: str) -> dict[str, Any]:
     """
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
+        # Numbers of too many digits are a ValueError of their own, and tables in tables without end a RecursionError.
         raise ConfigurationError(f"{origin}: not TOML: {error}") from error
 
 

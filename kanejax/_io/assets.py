@@ -1,8 +1,8 @@
-"""Compiling a MuJoCo spec whose mesh, texture or height field files may be missing.
+"""Compiling a MuJoCo spec without reading the mesh, texture and height field files that the dynamics do not need.
 
-The dynamics need such a file only where a moving body takes its inertia from a mesh. Everywhere else an unreadable
-file is no reason to refuse the model: its shape is replaced by a massless sphere that cannot collide, so that names
-which sensors and contact pairs refer to stay.
+They need such a file only where a moving body takes its inertia from a mesh. Every other one is not read, whether it is
+there or not: its shape is replaced by a massless sphere that cannot collide, so that names which sensors and contact pairs
+refer to stay.
 """
 
 import contextlib
@@ -10,12 +10,15 @@ import math
 import threading
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 
 import mujoco
 
 from kanejax._errors import ModelFileError
+from kanejax._io.mjcf_files import Folders, permitted_file
 
 _COMPILE_ERRORS = (ValueError, RuntimeError, mujoco.FatalError)
+_MOST_NAMES = 8
 # The function that MuJoCo calls with its warnings is one for the whole process.
 _WARNINGS_LOCK = threading.Lock()
 
@@ -42,40 +45,51 @@ def mujoco_warnings() -> Iterator[list[str]]:
             sentences += [f"MuJoCo warns: {one_line(message)}" for message in messages]
 
 
+def without_unneeded_files(spec: mujoco.MjSpec) -> tuple[dict[str, str], list[str]]:
+    """Delete from `spec`, in place, shapes and pictures from files, and all pictures, but meshes that an inertia needs.
+
+    Returns the names of the meshes that are left, each with the name of a body whose inertia depends on it, and in a sentence
+    what was deleted.
+    """
+    needed = _meshes_for_inertia(spec)
+    files = [file for file in _files(spec) if file not in {spec.mesh(mesh).file for mesh in needed}]
+    _drop_files(spec, set(needed))
+    listed = ", ".join(repr(file) for file in files[:_MOST_NAMES]) + (", ..." if len(files) > _MOST_NAMES else "")
+    return needed, [f"shapes and pictures from files are not read, as no inertia needs them: {listed}"] if files else []
+
+
+def check_needed_files(spec: mujoco.MjSpec, needed: dict[str, str], folders: Folders, origin: str) -> None:
+    """Refuse mesh files that inertias need and that lie outside of the model's folder; `needed` is from the function above."""
+    for name, body in needed.items():
+        mesh = spec.mesh(name)
+        if mesh.file and mesh.file not in spec.assets:
+            bases = [base / mesh.compiler.meshdir for base in folders.bases]
+            # Of parts from other files it is not known whether they strip paths.
+            stripped = spec.strippath and len(bases) == 1
+            for file in (Path(mesh.file).name,) if stripped else (mesh.file, Path(mesh.file).name):
+                permitted_file(file, bases, folders.roots, f"{origin}: body {body!r}, whose inertia is that of mesh {name!r},")
+
+
 def compiled(spec: mujoco.MjSpec, origin: str) -> tuple[mujoco.MjModel, list[str]]:
-    """Compile `spec`, and say in sentences what was dropped and warned of; `spec` is edited where files cannot be read.
+    """Compile `spec`, and say in sentences what was warned of.
 
     Raises ModelFileError with MuJoCo's message, and with the body and file where an inertia depends on an unreadable
     file.
     """
-    with mujoco_warnings() as warned:
-        mj_model, dropped = _compiled(spec, origin)
-    return mj_model, dropped + warned
-
-
-def _compiled(spec: mujoco.MjSpec, origin: str) -> tuple[mujoco.MjModel, list[str]]:
+    # A spec cannot be read after it failed to compile.
+    files = {spec.mesh(mesh).file: body for mesh, body in _meshes_for_inertia(spec).items()} if spec.meshes else {}
     try:
-        # A spec cannot be read after it failed to compile, so the first try is on a copy.
-        return spec.copy().compile(), []
-    except _COMPILE_ERRORS as error:
-        first_message = one_line(error)
-        if not _files(spec):
-            raise ModelFileError(f"{origin}: MuJoCo cannot compile the model: {first_message}") from error
-    needed = _meshes_for_inertia(spec)
-    _drop_files(spec, set(needed))
-    try:
-        mj_model = spec.compile()
+        with mujoco_warnings() as warned:
+            return spec.compile(), warned
     except _COMPILE_ERRORS as error:
         message = one_line(error)
-        for mesh, body in needed.items():
-            file = spec.mesh(mesh).file
-            if message == first_message and file and file in message:
+        for file, body in files.items():
+            if file and file in message:
                 raise ModelFileError(
                     f"{origin}: body {body!r} takes its inertia from mesh file {file!r}, which cannot be read; "
                     f"provide the file or write an <inertial>: {message}"
                 ) from error
         raise ModelFileError(f"{origin}: MuJoCo cannot compile the model: {message}") from error
-    return mj_model, [f"shapes from files are dropped, as not every file can be read; no inertia needs them: {first_message}"]
 
 
 def one_line(message: Exception | str) -> str:
@@ -85,15 +99,13 @@ def one_line(message: Exception | str) -> str:
 
 def bodies_and_motion(spec: mujoco.MjSpec) -> list[tuple[mujoco.MjsBody, bool]]:
     """Return the bodies in the order of their ids after compiling, each with whether any joint moves it."""
-    found = [(spec.worldbody, False)]
-
-    def visit(parent: mujoco.MjsBody, parent_moves: bool) -> None:
-        for body in parent.bodies:
-            moves = parent_moves or bool(body.joints)
-            found.append((body, moves))
-            visit(body, moves)
-
-    visit(spec.worldbody, False)
+    found: list[tuple[mujoco.MjsBody, bool]] = []
+    # A chain of bodies may be longer than Python's functions can call one another.
+    waiting = [(spec.worldbody, False)]
+    while waiting:
+        body, moves = waiting.pop()
+        found.append((body, moves))
+        waiting += [(child, moves or bool(child.joints)) for child in reversed(body.bodies)]
     return found
 
 
@@ -122,10 +134,12 @@ def _files(spec: mujoco.MjSpec) -> list[str]:
 def _meshes_for_inertia(spec: mujoco.MjSpec) -> dict[str, str]:
     """Return the names of meshes that inertias of moving bodies depend on, each with the name of such a body."""
     needed: dict[str, str] = {}
+    # Of names that mean no mesh, MuJoCo tells.
+    names = {mesh.name for mesh in spec.meshes}
     for index, (body, moves) in enumerate(bodies_and_motion(spec)):
         if moves and takes_inertia_from_geoms(body):
             for geom in body.geoms:
-                if geom.meshname and _has_mass(geom, body.compiler):
+                if geom.meshname in names and _has_mass(geom, body.compiler):
                     needed.setdefault(geom.meshname, body.name or f"number {index}")
     return needed
 

@@ -14,6 +14,8 @@ from kanejax._model.tree import COORDINATES, WORLD, Tree
 
 # Speed, in rad/s or m/s, over which Coulomb friction builds up in a model from a file or table, which have no such number.
 DEFAULT_FRICTION_WIDTH = 0.01
+# The square of a length, times a mass, of this size is still a number.
+LARGEST_NUMBER = 1e100
 _OF_BODIES = ("body_position", "body_quaternion", "mass", "com", "central_inertia")
 _OF_COORDINATES = ("spring_reference", "coordinate_reference")
 _OF_SPEEDS = ("armature", "damping", "coulomb_friction", "friction_width")
@@ -28,8 +30,8 @@ def check_model(model: Model, *, allow_unphysical: bool = False) -> None:
 
     Raises:
         ValueError: a leaf has the wrong shape, such as a batch axis.
-        InvalidParameterError: a number is not finite, an axis or quaternion is zero, a friction_width is not positive, an
-            armature is negative, or a range is empty.
+        InvalidParameterError: a number is not finite or exceeds 1e100, an axis or quaternion is zero, a friction_width is not
+            positive, an armature is negative, or a range is empty.
         InvalidInertiaError: a moving body has a negative mass or principal moments that break A + B >= C, or a joint at
             the end of the tree moves no inertia, which makes the mass matrix singular.
     """
@@ -47,6 +49,14 @@ def check_numbers(model: Model) -> None:
         # Ranges may be infinite.
         bad = np.isnan(values) if name == "joint_range" else ~np.isfinite(values)
         _refuse(tree, name, values, bad, "is not finite")
+        if name != "joint_range":
+            _refuse(
+                tree,
+                name,
+                values,
+                np.abs(values.astype(float)) > LARGEST_NUMBER,
+                f"is too large: at most {LARGEST_NUMBER:g} can be computed with",
+            )
     axes, axial = np.asarray(model.joint_axis), np.array([COORDINATES[kind] == 1 for kind in tree.joint_types], bool)
     _refuse(tree, "joint_axis", axes, axial & ~axes.any(axis=1), "is zero; give a direction")
     quaternions = np.asarray(model.body_quaternion)

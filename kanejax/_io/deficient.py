@@ -10,26 +10,36 @@ import copy
 import mujoco
 import numpy as np
 
+from kanejax._errors import InvalidInertiaError
 from kanejax._io.inertial import REPAIR_MASS, REPAIR_RADIUS
 
 # Smallest eigenvalue of the mass matrix scaled to unit diagonal that counts as regular, and smallest diagonal element.
 _SMALLEST_EIGENVALUE, _SMALLEST_DIAGONAL = 1e-12, 1e-14
 _POSITIONS = 3
+# How many passes are made, times the number of speeds.
+_PASSES_OF_ALL_SPEEDS = 3_000
 
 
-def deficient_bodies(mj_model: mujoco.MjModel) -> list[int]:
-    """Return the bodies that need inertia for a regular mass matrix; empty where it is regular."""
+def deficient_bodies(mj_model: mujoco.MjModel) -> tuple[list[int], bool]:
+    """Return the bodies that need inertia for a regular mass matrix, and whether these are all; none where it is regular.
+
+    In a large model with many of them the search ends early.
+    """
     trial = copy.copy(mj_model)
     deficient: list[int] = []
+    passes = max(_PASSES_OF_ALL_SPEEDS // max(mj_model.nv, 1), 3)
     # Each pass strengthens at least one more body, so the passes end.
     while (dof := _idle_dof(trial)) is not None:
+        if not passes:
+            return sorted(deficient), False
+        passes -= 1
         bodies = [body for body in _massless_outwards(trial) if body not in deficient] or [_weakest(trial, dof)]
         for body in bodies:
             strengthened(trial, body)
         if set(bodies) <= set(deficient):
             break
         deficient += [body for body in bodies if body not in deficient]
-    return sorted(deficient)
+    return sorted(deficient), True
 
 
 def strengthened(mj_model: mujoco.MjModel, body: int) -> None:
@@ -74,8 +84,9 @@ def _mass_matrix(mj_model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
     mujoco.mj_comPos(mj_model, mj_data)
     mujoco.mj_crb(mj_model, mj_data)
     mass_matrix = np.zeros((mj_model.nv, mj_model.nv))
-    for row, unit in zip(mass_matrix, np.eye(mj_model.nv), strict=True):
-        mujoco.mj_mulM(mj_model, mj_data, row, unit)
+    mujoco.mj_fullM(mj_model, mj_data, mass_matrix)
+    if not np.all(np.isfinite(mass_matrix)):
+        raise InvalidInertiaError("the mass matrix is not finite: a mass, an inertia or a position is too large; correct the file")
     return mass_matrix
 
 

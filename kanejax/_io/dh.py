@@ -123,6 +123,10 @@ def from_dh(
     for number, link in enumerate(links, start=1):
         if not isinstance(link, DHLink):
             raise TypeError(f"row {number} is of type {type(link).__name__}; give DHLink(mass=..., alpha=..., a=..., d=...)")
+        for field in ("name", "joint_name"):
+            name = getattr(link, field)
+            if name is not None and not isinstance(name, str):
+                raise ValueError(f"row {number}: {field} = {name!r} is no text")
     tree = _tree(links)
     labels = [f"row {number}, link {name!r}" for number, name in enumerate(tree.body_names, start=1)]
     placed = [_placed(link, convention, label) for link, label in zip(links, labels, strict=True)]
@@ -224,13 +228,20 @@ def _check_row(link: DHLink, convention: Convention, label: str) -> None:
 
 
 def _array(values: Any, shape: tuple[int, ...], label: str) -> np.ndarray:
-    try:
-        array = np.asarray(values, float)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{label} = {values!r} is no array of numbers; it needs the shape {shape}") from error
+    array = _float_array(values, f"{label} = {values!r} is no array of numbers; it needs the shape {shape}")
     if array.shape != shape:
         raise ValueError(f"{label} has shape {array.shape}, but needs {shape}")
     return array
+
+
+def _float_array(values: Any, problem: str) -> np.ndarray:
+    try:
+        # NumPy would read a text, a truth value or a date as a number; None becomes NaN.
+        if np.asarray(values).dtype.kind in "SUbmMV":
+            raise TypeError
+        return np.asarray(values, float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(problem) from error
 
 
 def _rotation(values: Numbers, label: str) -> np.ndarray:
@@ -243,7 +254,10 @@ def _rotation(values: Numbers, label: str) -> np.ndarray:
 
 
 def _inertia(link: DHLink, label: str) -> np.ndarray:
-    inertia = np.asarray(link.central_inertia, float)
+    values = link.central_inertia
+    inertia = _float_array(
+        values, f"{label}: central_inertia = {values!r} is no array of numbers; it needs the shape (3, 3) or (3,)"
+    )
     if inertia.shape == (3,):
         return np.diag(inertia)
     if inertia.shape != (3, 3):

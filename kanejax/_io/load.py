@@ -63,6 +63,9 @@ def load(
     enter the equations of motion (contacts, actuators, sensors, shapes) goes to the logger "kanejax". `load_report`
     returns all of it. Leaves are float64 if `jax_enable_x64` is set, otherwise float32.
 
+    Of files that an MJCF names, only its includes, its parts, and the meshes that inertias need are read, and only from its own
+    folder and below; text reads none. An MjSpec of `mujoco.MjSpec.from_file` may have read others.
+
     Args:
         source: a path, XML text, or an MjSpec, which is not changed.
         strict: refuse features that enter the dynamics and are not modelled; otherwise warn with IgnoredFeatureWarning.
@@ -76,6 +79,7 @@ def load(
         ModelFileError: the file cannot be read or understood.
         UnsupportedModelError: a feature that enters the dynamics is not modelled.
         InvalidInertiaError: an inertia that no rigid body can have, or that leaves the mass matrix singular.
+        InvalidParameterError: a number is not finite, or exceeds 1e100.
     """
     report = load_report(source, strict=strict, repair=repair, allow_unphysical=allow_unphysical)
     if report.ignored:

@@ -17,6 +17,7 @@ import numpy as np
 from kanejax._errors import InvalidInertiaError, UnphysicalInertiaWarning, UnsupportedModelError, warn_caller
 from kanejax._io.assets import bodies_and_motion, compiled, takes_inertia_from_geoms
 from kanejax._io.bounds import balanced_body, bounded_bodies, stated_numbers
+from kanejax._io.check import LARGEST_NUMBER
 from kanejax._io.deficient import deficient_bodies, is_regular, strengthened
 from kanejax._io.inertial import (
     REPAIR_MASS,
@@ -90,7 +91,7 @@ def compile_with_stated_inertias(spec: mujoco.MjSpec, origin: str, *, repair: bo
         raise InvalidInertiaError(f"{origin}: {'; '.join(refused)}. Either {_REMEDY}")
     if substituted:
         _check_nothing_derived(spec, origin)
-    mj_model, dropped = compiled(spec, origin)
+    mj_model, warned = compiled(spec, origin)
     for index, (stated, placeholder_mass, placeholder_moments) in substituted.items():
         # The compiled placeholder differs from the one written only by a scale that the file asks for, if by any.
         mj_model.body_mass[index] = stated.mass * (mj_model.body_mass[index] / placeholder_mass)
@@ -100,7 +101,7 @@ def compile_with_stated_inertias(spec: mujoco.MjSpec, origin: str, *, repair: bo
     if substituted and is_regular(mj_model):
         mujoco.mj_setConst(mj_model, mujoco.MjData(mj_model))
     inertials = {index: inertial_of(mj_model, index) for index in sorted({*substituted, *changed})}
-    return CompiledInertias(mj_model, inertials, dropped + ignored, repaired)
+    return CompiledInertias(mj_model, inertials, warned + ignored, repaired)
 
 
 def inertial_of(mj_model: mujoco.MjModel, body: int) -> Inertial:
@@ -108,16 +109,20 @@ def inertial_of(mj_model: mujoco.MjModel, body: int) -> Inertial:
     rotation = np.zeros(9)
     mujoco.mju_quat2Mat(rotation, mj_model.body_iquat[body])
     axes = rotation.reshape(3, 3)
-    central_inertia = axes @ np.diag(mj_model.body_inertia[body]) @ axes.T
+    # Numbers that are too large for this are refused later, by name.
+    with np.errstate(over="ignore", invalid="ignore"):
+        central_inertia = axes @ np.diag(mj_model.body_inertia[body]) @ axes.T
     return Inertial(float(mj_model.body_mass[body]), mj_model.body_ipos[body].copy(), central_inertia)
 
 
 def _stated(body: mujoco.MjsBody, label: str) -> _Stated:
     """Read a body's inertial; `axes` is None where the spec's inertial orientation already holds the principal axes."""
     mass, full = float(body.mass), np.array(body.fullinertia)
-    if not np.all(np.isfinite([mass, *body.inertia, *full[1:]])):
+    if not np.all(np.abs([mass, *body.inertia, *full[1:]]) <= LARGEST_NUMBER):
         inertia = " ".join(f"{number:.6g}" for number in (body.inertia if np.isnan(full[0]) else full))
-        raise InvalidInertiaError(f"{label}: mass {mass:.6g} kg or inertia {inertia} kg m^2 is not finite; correct the file")
+        raise InvalidInertiaError(
+            f"{label}: mass {mass:.6g} kg or inertia {inertia} kg m^2 is not finite, or too large; correct the file"
+        )
     axes, moments = None, np.array(body.inertia)
     smallest, rounding = (_SMALLEST_JOINTED if body.joints else 0.0), 0.0
     if not np.isnan(full[0]):
@@ -172,7 +177,7 @@ def _check_nothing_derived(spec: mujoco.MjSpec, origin: str) -> None:
 
 def _complete(mj_model: mujoco.MjModel, origin: str, repair: bool, repaired: list[str]) -> list[int]:
     """Make the mass matrix regular by changing bodies of `mj_model`, whose ids are returned, or raise."""
-    deficient = deficient_bodies(mj_model)
+    deficient, complete = deficient_bodies(mj_model)
     names = [f"{mj_model.body(body).name or f'number {body}'!r}" for body in deficient]
     if deficient and not repair:
         numbers = _described(mj_model.body_mass[deficient[0]], mj_model.body_inertia[deficient[0]])
@@ -180,6 +185,11 @@ def _complete(mj_model: mujoco.MjModel, origin: str, repair: bool, repaired: lis
             f"{origin}: body {', '.join(names)}: a joint moves too little inertia, so the mass matrix is singular "
             f"({names[0]}: {numbers}); "
             "write an inertia in the file, or load with repair=True for a small one"
+        )
+    if not complete:
+        raise InvalidInertiaError(
+            f"{origin}: more than {len(deficient)} bodies need an inertia, too many to repair; write them in the file, first that "
+            f"of body {names[0]}"
         )
     for body, name in zip(deficient, names, strict=True):
         before = _described(mj_model.body_mass[body], mj_model.body_inertia[body])

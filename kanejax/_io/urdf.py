@@ -23,7 +23,9 @@ from xml.etree import ElementTree
 from kanejax._io.urdf_check import FIXED, check_expanded, check_inertial, check_joints, check_links, check_tree
 
 _KEPT_IN_LINK = ("inertial",)
+_KEPT_IN_INERTIAL = ("origin", "mass", "inertia")
 _KEPT_IN_JOINT = ("origin", "parent", "child", "axis", "dynamics", "limit")
+_KEPT_OF_MUJOCO = ("compiler", "option")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,9 +113,13 @@ def _is_empty_range(limit: ElementTree.Element | None) -> bool:
 def _strip(robot: ElementTree.Element, links: list[ElementTree.Element], joints: list[ElementTree.Element]) -> None:
     """Remove in place what MuJoCo need not see, above all references to files."""
     _keep(robot, ("link", "joint", "mujoco"))
+    for extension in robot.findall("mujoco"):
+        _keep(extension, _KEPT_OF_MUJOCO)
     for link in links:
         # MuJoCo gives the inertial of a link called "world" to its fixed frame, where it means nothing.
         _keep(link, () if link.get("name") == "world" else _KEPT_IN_LINK)
+        for inertial in link.findall("inertial"):
+            _keep(inertial, _KEPT_IN_INERTIAL)
     for joint in joints:
         _keep(joint, _KEPT_IN_JOINT)
         limit = joint.find("limit")

@@ -4,6 +4,7 @@ import collections
 from xml.etree import ElementTree
 
 from kanejax._errors import ModelFileError, UnsupportedModelError
+from kanejax._io.mjcf_size import DEEPEST_TREE, LARGEST_TREE, too_large
 from kanejax._io.xml_text import numbers_of, text_of
 
 FIXED = "fixed"
@@ -22,7 +23,9 @@ def check_expanded(robot: ElementTree.Element, origin: str) -> None:
 
 
 def check_links(links: list[ElementTree.Element], origin: str) -> None:
-    """Refuse links without a name, or two of one name."""
+    """Refuse links without a name, or two of one name, and more than can be compiled."""
+    if len(links) > LARGEST_TREE:
+        raise ModelFileError(too_large(origin, f"{len(links)} links, but at most {LARGEST_TREE} can be loaded"))
     names = [text_of(link, "name", origin) for link in links]
     repeated = _repeated(names)
     if repeated:
@@ -91,7 +94,7 @@ def check_tree(links: list[ElementTree.Element], joints: list[ElementTree.Elemen
     if len(roots) > 1:
         listed = ", ".join(repr(root) for root in roots[:8])
         raise ModelFileError(f"{origin}: {len(roots)} links have no parent ({listed}); join all but one to the others")
-    _check_no_loop(parent_of, names, origin)
+    _check_depths(parent_of, names, origin)
     if "world" in parent_of:
         raise ModelFileError(f"{origin}: the link 'world' has a parent; rename it, the name means the fixed frame")
     for name, parent in floating:
@@ -116,13 +119,21 @@ def _unused_name(name: str, used: set[str]) -> str:
     return next(f"{name}_{number}" for number in range(2, len(used) + 3) if f"{name}_{number}" not in used)
 
 
-def _check_no_loop(parent_of: dict[str, str], names: set[str], origin: str) -> None:
+def _check_depths(parent_of: dict[str, str], names: set[str], origin: str) -> None:
+    depths: dict[str, int] = {}
     for name in sorted(names):
-        ancestor = name
-        for _ in names:
-            ancestor = parent_of.get(ancestor, ancestor)
-        if ancestor in parent_of:
+        path, link = [], name
+        while link in parent_of and link not in depths:
+            path.append(link)
+            # Not yet known, so that a loop ends here.
+            depths[link] = -1
+            link = parent_of[link]
+        depth = depths.get(link, 0)
+        if depth < 0:
             raise ModelFileError(f"{origin}: link {name!r} hangs on a loop of joints; a URDF must be a tree")
+        depths.update({above: depth + count for count, above in enumerate(reversed(path), 1)})
+    if max(depths.values(), default=0) > DEEPEST_TREE:
+        raise ModelFileError(too_large(origin, f"more than {DEEPEST_TREE} links one below another"))
 
 
 def check_inertial(link: ElementTree.Element, owner: str, repair: bool, repaired: list[str]) -> None:

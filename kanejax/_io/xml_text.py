@@ -1,12 +1,16 @@
-"""Reading XML text safely: no DOCTYPE or ENTITY declarations, line numbers in errors, numbers checked by name."""
+"""Reading XML text safely: no DOCTYPE, no endless nesting, line numbers in errors, numbers checked by name."""
 
 import math
 import os
+import re
 import xml.parsers.expat
 from pathlib import Path
 from xml.etree import ElementTree
 
 from kanejax._errors import ModelFileError
+
+# As deep as MuJoCo's reader of XML goes.
+_DEEPEST = 500
 
 
 def file_content(path: str | os.PathLike) -> bytes:
@@ -23,38 +27,55 @@ def file_content(path: str | os.PathLike) -> bytes:
 def parsed_xml(data: bytes | str, origin: str) -> ElementTree.Element:
     """Parse XML from `data`; `origin` names the file in errors.
 
-    Raises ModelFileError for malformed XML, with its line, and for any DOCTYPE: entity definitions can expand without
-    bound.
+    Names keep their prefixes, as MuJoCo reads them: with namespaces carried out, elements could be hidden from our checks.
+
+    Raises ModelFileError for malformed XML, with its line, for elements nested more than 500 deep, as MuJoCo does, and for any
+    DOCTYPE: entity definitions can expand without bound, and name other files.
     """
+    parser, builder = xml.parsers.expat.ParserCreate(), ElementTree.TreeBuilder()
+    depth = 0
 
     def refuse_doctype(*_: object) -> None:
         raise ModelFileError(f"{origin}: the XML has a DOCTYPE declaration, which is not accepted; remove it")
 
-    checker = xml.parsers.expat.ParserCreate()
-    checker.StartDoctypeDeclHandler = refuse_doctype
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _DEEPEST:
+            line = parser.CurrentLineNumber
+            raise ModelFileError(f"{origin}: line {line}: <{tag}> is nested more than {_DEEPEST} elements deep; flatten the file")
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    parser.StartDoctypeDeclHandler = refuse_doctype
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, builder.data
     try:
-        # The whole text is checked before the tree is built, so that no entity is ever expanded.
-        checker.Parse(data, True)
+        parser.Parse(data, True)
     except xml.parsers.expat.ExpatError as error:
         reason = f"line {error.lineno}, column {error.offset} is not well-formed XML: {xml.parsers.expat.ErrorString(error.code)}"
         raise ModelFileError(f"{origin}: {reason}; correct it") from error
-    return ElementTree.fromstring(data)
+    except (ValueError, LookupError) as error:
+        # Of encodings; a named error of ours is a ValueError too.
+        if isinstance(error, ModelFileError):
+            raise
+        raise ModelFileError(f"{origin}: its text cannot be decoded ({error}); write it in UTF-8") from error
+    return builder.close()
 
 
-def check_included_files(root: ElementTree.Element, folder: Path) -> None:
-    """Check the files that an MJCF includes, and those that they include, as `parsed_xml` does.
-
-    MuJoCo looks for them from `folder`, that of the main file. Files that are not there are left for MuJoCo to report.
-    """
-    files = [element.get("file", "") for element in root.iter("include")]
-    seen: set[Path] = set()
-    while files:
-        path = folder / files.pop()
-        if path in seen or not path.is_file():
-            continue
-        seen.add(path)
-        included = parsed_xml(path.read_bytes(), str(path))
-        files += [element.get("file", "") for element in included.iter("include")]
+def check_encoding(data: bytes, origin: str) -> None:
+    """Refuse what MuJoCo, which takes every text for UTF-8, would read as another text than `parsed_xml`."""
+    declared = re.match(rb"""[^>]*?encoding\s*=\s*["']([^"']*)["']""", data[: data.find(b"?>") + 1])
+    name = declared[1].decode("ascii", "replace").lower() if declared else "utf-8"
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ModelFileError(f"{origin}: it is not in UTF-8 ({error}), which MuJoCo needs; convert it") from error
+    if name not in ("utf-8", "utf8", "us-ascii", "ascii") or b"\0" in data:
+        raise ModelFileError(f"{origin}: its encoding is {name!r}, but MuJoCo needs UTF-8; convert it")
 
 
 def text_of(element: ElementTree.Element, attribute: str, owner: str) -> str:

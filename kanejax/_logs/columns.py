@@ -20,7 +20,7 @@ _UNITS: dict[str, dict[str, float]] = {
     "acceleration": {"rad/s^2": 1.0, "deg/s^2": _DEGREE, "m/s^2": 1.0, "mm/s^2": 1e-3},
     "effort": {"N m": 1.0, "mN m": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3},
 }
-_MOST_NAMES = 60
+_MOST_NAMES, _LONGEST_NAME = 60, 100
 
 
 @final
@@ -107,7 +107,7 @@ def selected(columns: Columns, joints: Sequence[str], names: Sequence[str] | Non
 
 def listed(names: Sequence[str]) -> str:
     """Names for a message, not too many of them."""
-    shown = ", ".join(repr(name) for name in names[:_MOST_NAMES]) or "none"
+    shown = ", ".join(repr(name[:_LONGEST_NAME]) for name in names[:_MOST_NAMES]) or "none"
     return shown if len(names) <= _MOST_NAMES else f"{shown} and {len(names) - _MOST_NAMES} more"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from kanejax._errors import LogError
 from kanejax._logs.columns import listed
-from kanejax._logs.tables import Samples, Table, package
+from kanejax._logs.tables import Samples, Table, package, shortened
 
 _TIMES = ("time", "log_time", "publish_time")
 _QUANTITIES = ("position", "velocity", "effort")
@@ -33,10 +33,10 @@ def mcap_table(path: Path, topic: str | None) -> Table:
     try:
         with path.open("rb") as stream:
             states = list(_states(stream, path, topic))
-    except (ImportError, OSError, LogError):
+    except LogError:
         raise
     except Exception as error:
-        reason = f"{type(error).__name__}: {error}"
+        reason = f"{type(error).__name__}: {shortened(error)}"
         raise LogError(
             f"{path}: not an MCAP file that can be read ({reason}); if the recording was cut off, repair it with `mcap recover`"
         ) from error
@@ -63,7 +63,7 @@ def _value(state: _State, i: int, joint: str | None) -> float:
         return state.times[i]
     places = _index(state.joints)
     value = state.values[i][places[joint]] if joint in places and len(state.values[i]) == len(state.joints) else None
-    return np.nan if value is None else float(value)
+    return np.nan if value is None else value
 
 
 @functools.lru_cache(64)
@@ -123,11 +123,24 @@ def _decoder(schema: Any, channel: Any, path: Path) -> Callable[[bytes], Any]:
 
 def _state(content: Any, message: Any) -> _State:
     stamp = _field(_field(content, "header"), "stamp")
-    seconds = next((float(value) for key in ("sec", "secs") if (value := _field(stamp, key)) is not None), 0.0)
-    rest = next((float(value) for key in ("nanosec", "nsec", "nsecs") if (value := _field(stamp, key)) is not None), 0.0)
+    seconds = next((_number(value) for key in ("sec", "secs") if (value := _field(stamp, key)) is not None), 0.0)
+    rest = next((_number(value) for key in ("nanosec", "nsec", "nsecs") if (value := _field(stamp, key)) is not None), 0.0)
     times = (seconds + 1e-9 * rest, 1e-9 * message.log_time, 1e-9 * message.publish_time)
     joints = tuple(_field(content, "name") or ())
-    return _State(times, joints, tuple(_field(content, quantity) or () for quantity in _QUANTITIES))
+    if not all(isinstance(joint, str) for joint in joints):
+        raise TypeError(f"the names of joints are {joints!r}, which are no texts")
+    return _State(times, joints, tuple(_numbers(_field(content, quantity)) for quantity in _QUANTITIES))
+
+
+def _numbers(values: Any) -> list[float | None]:
+    return [None if value is None else _number(value) for value in (() if values is None else values)]
+
+
+def _number(value: Any) -> float:
+    """Of JSON, where anything may stand."""
+    if isinstance(value, str | bool):
+        raise TypeError(f"{value!r} is no number")
+    return float(value)
 
 
 def _field(content: Any, name: str) -> Any:

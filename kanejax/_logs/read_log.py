@@ -22,6 +22,7 @@ _FORMATS: dict[str, FileFormat] = {
     ".npz": "npz",
     ".mcap": "mcap",
 }
+_NO_DELIMITERS = ('"', "\r", "\n", "\0")
 _FIELDS = {"position": "q", "velocity": "u", "acceleration": "u_dot", "effort": "effort"}
 
 
@@ -68,9 +69,9 @@ def read_log(
     columns, units = columns or Columns(), units or Units()
     for option, value in (("bad_rows", bad_rows), ("repeated", repeated)):
         if value not in ("error", "drop"):
-            raise ValueError(f"{option} is {value!r}; use 'error' or 'drop'")
-    if delimiter is not None and len(delimiter) != 1:
-        raise ValueError(f"delimiter is {delimiter!r}; it must be one character")
+            raise LogError(f"{option} is {value!r}; use 'error' or 'drop'")
+    if delimiter is not None and (len(delimiter) != 1 or delimiter in _NO_DELIMITERS):
+        raise LogError(f"delimiter is {delimiter!r}; it must be one character, and no quote, line end or null")
     if isinstance(joints, str):
         raise LogError(f"joints is the text {joints!r}; give a sequence of names, such as ({joints!r},)")
     in_file = tuple(joints.values()) if isinstance(joints, Mapping) else tuple(joints)
@@ -127,6 +128,8 @@ def _sheet(table: Table, joints: tuple[str, ...], columns: Columns, units: Units
         raise LogError(f"{table.origin}: the times have shape {time[0].shape}, but need (n,)")
     values = {}
     for quantity, group in zip((key for key in places if key != "time"), others, strict=True):
+        if any(array.dtype.kind in "mM" for array in group):
+            raise LogError(f"{table.origin}: {quantity} is asked of a column of times; only the column of 'time' may hold them")
         stacked = np.column_stack(group)
         if stacked.shape[1] != len(joints):
             raise LogError(

@@ -13,6 +13,11 @@ import numpy as np
 
 from kanejax._errors import LogError
 
+# Letters of a value in a message.
+_LONGEST = 200
+# A packed file may unpack to this many bytes, or else to this many times its size.
+_MOST_BYTES, _MOST_TIMES = 2**28, 100
+
 
 class Samples(NamedTuple):
     """Some columns of a file.
@@ -47,14 +52,20 @@ def package(module: str, extra: str, origin: str) -> Any:
         raise LogError(f"{origin}: reading this file needs the package of {module}: pip install 'kanejax[{extra}]'") from error
 
 
+def shortened(value: object) -> str:
+    """What a file has, or what a library says of it, for a message of one line."""
+    text = " ".join((str(value) if isinstance(value, Exception) else repr(value)).split())
+    return text if len(text) <= _LONGEST else text[:_LONGEST] + "..."
+
+
 def text_table(path: Path, delimiter: str | None, header: bool | None) -> Table:
     """Open a text file with one sample a line."""
     with _text(path) as lines:
         first = next((line for line in lines if line.strip()), None)
-    if first is None:
-        raise LogError(f"{path}: the file is empty")
-    delimiter = delimiter or next((mark for mark in ";\t," if mark in first), " ")
-    fields = [field.strip() for field in next(_split([first.lstrip("# ")], delimiter))]
+        if first is None:
+            raise LogError(f"{path}: the file is empty")
+        delimiter = delimiter or next((mark for mark in ";\t," if mark in first), " ")
+        fields = [field.strip() for field in next(_split([first.lstrip("# ")], delimiter))]
     named = _is_header(path, fields) if header is None else header
     read = functools.partial(_text_samples, path, delimiter, named, fields)
     return Table(str(path), tuple(fields) if named else None, len(fields), read)
@@ -63,7 +74,7 @@ def text_table(path: Path, delimiter: str | None, header: bool | None) -> Table:
 def _is_header(path: Path, fields: list[str]) -> bool:
     numbers = [field for field in fields if _is_number(field)]
     if numbers and len(numbers) < len(fields):
-        raise LogError(f"{path}: the first line has numbers and text, {fields}; say header=True or header=False")
+        raise LogError(f"{path}: the first line has numbers and text, {shortened(fields)}; say header=True or header=False")
     return not numbers
 
 
@@ -92,7 +103,7 @@ def _parsed(
         return [float(fields[place]) for place in places]
     except ValueError:
         place = next(place for place in places if not _is_number(fields[place]))
-        faults[row] = f"column {names[place] if names else place!r} is {fields[place]!r}, not a number"
+        faults[row] = f"column {names[place] if names else place!r} is {shortened(fields[place])}, not a number"
         return [np.nan] * len(places)
 
 
@@ -102,7 +113,7 @@ def _text(path: Path) -> Iterator[Iterator[str]]:
         with path.open(newline="", encoding="utf-8-sig") as lines:
             yield lines
     except (UnicodeDecodeError, csv.Error) as error:
-        raise LogError(f"{path}: not a text file with columns, in UTF-8: {error}") from error
+        raise LogError(f"{path}: not a text file with columns, in UTF-8: {shortened(error)}") from error
 
 
 def _split(lines: Any, delimiter: str) -> Iterator[list[str]]:
@@ -120,19 +131,26 @@ def _is_number(field: str) -> bool:
 def npz_table(path: Path) -> Table:
     """Open an NPZ file; its arrays are the columns, or one of them holds all joints of a quantity."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # NumPy does not close a file that is no archive.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             names = tuple(archive.files)
     except Exception as error:
-        raise LogError(f"{path}: not an NPZ file: {error}") from error
+        raise LogError(f"{path}: not an NPZ file: {shortened(error)}") from error
     return Table(str(path), names, len(names), functools.partial(_npz_samples, path, names))
 
 
 def _npz_samples(path: Path, names: Sequence[str], places: Sequence[int]) -> Samples:
-    with np.load(path, allow_pickle=False) as archive:
-        try:
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            entries = {entry.filename: entry.file_size for entry in archive.zip.infolist()}
+            wanted = {names[place] for place in places}
+            _check_unpacked(path, sum(entries.get(f"{name}.npy", entries.get(name, 0)) for name in wanted))
             arrays = {place: archive[names[place]] for place in places}
-        except ValueError as error:
-            raise LogError(f"{path}: an array is not of numbers: {error}") from error
+    except LogError:
+        raise
+    except Exception as error:
+        # What is wrong with an array shows only when it is read.
+        raise LogError(f"{path}: an array is not of numbers, or broken: {shortened(error)}") from error
     return Samples([_numbers(path, names[place], arrays[place]) for place in places], {})
 
 
@@ -142,14 +160,23 @@ def parquet_table(path: Path) -> Table:
     try:
         names = tuple(parquet.ParquetFile(path).schema_arrow.names)
     except Exception as error:
-        raise LogError(f"{path}: not a Parquet file: {error}") from error
+        raise LogError(f"{path}: not a Parquet file: {shortened(error)}") from error
     return Table(str(path), names, len(names), functools.partial(_parquet_samples, parquet, path, names))
 
 
 def _parquet_samples(parquet: Any, path: Path, names: Sequence[str], places: Sequence[int]) -> Samples:
-    table = parquet.ParquetFile(path).read(columns=[names[place] for place in dict.fromkeys(places)])
-    columns = [table.column(names[place]) for place in places]
-    arrays = [_stacked(column) if "list" in str(column.type) else column.to_numpy() for column in columns]
+    try:
+        file = parquet.ParquetFile(path)
+        # What Arrow has of single columns ends the process if a file contradicts itself.
+        unpacked = sum(file.metadata.row_group(i).total_byte_size for i in range(file.metadata.num_row_groups))
+        _check_unpacked(path, max(unpacked, 8 * file.metadata.num_rows * len(places)))
+        table = file.read(columns=[names[place] for place in dict.fromkeys(places)])
+        columns = [table.column(names[place]) for place in places]
+        arrays = [_stacked(column) if "list" in str(column.type) else column.to_numpy() for column in columns]
+    except LogError:
+        raise
+    except Exception as error:
+        raise LogError(f"{path}: the columns cannot be read: {shortened(error)}") from error
     return Samples([_numbers(path, names[place], values) for place, values in zip(places, arrays, strict=True)], {})
 
 
@@ -161,6 +188,13 @@ def _stacked(column: Any) -> np.ndarray:
         return np.array(rows, object)
     missing = [np.nan] * widths.pop()
     return np.array([missing if row is None else row for row in rows])
+
+
+def _check_unpacked(path: Path, count: int) -> None:
+    """Refuse a small file that says that it unpacks to a large one."""
+    size = path.stat().st_size
+    if count > max(_MOST_BYTES, _MOST_TIMES * size):
+        raise LogError(f"{path}: its columns unpack to {count} bytes, from a file of {size}; write it anew without compression")
 
 
 def _numbers(path: Path, name: str, values: np.ndarray) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""Hostile input for everything that reads files: mutated robots, tables and logs, and named attacks."""
