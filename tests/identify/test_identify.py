@@ -188,7 +188,7 @@ def test_stages_that_were_finished_are_not_fitted_again(tmp_path):
     assert not told
     np.testing.assert_array_equal(again.phi, first.phi)
     with pytest.raises(CheckpointError, match=r"fit\.npz belongs to other inputs; remove it to begin anew, or give another path"):
-        kj.identify(nominal(), [motion], **options | {"seed": 1})
+        kj.identify(nominal(), [motion], **{**options, "seed": 1})
 
 
 def test_simulation_goes_on_from_inverse_dynamics():
