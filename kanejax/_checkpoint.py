@@ -169,7 +169,7 @@ def _check_writable(path: Path) -> None:
 
 def _arrays_in(path: Path, mark: str) -> dict[str, np.ndarray]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         found = str(arrays.pop(_MARK))
     except MemoryError:
