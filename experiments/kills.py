@@ -38,6 +38,7 @@ leaf = "inertia"
 leaf = "damping"
 [[unknown]]
 leaf = "friction_width"
+of = "shoulder"
 [[unknown]]
 leaf = "coulomb_friction"
 [identify]
