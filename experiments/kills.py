@@ -153,6 +153,7 @@ def killed(job: Job, folder: Path, kills: int, seed: int) -> dict[str, Any]:
             process.send_signal(signal.SIGKILL)
             process.wait()
             phases[phase(job, out, before, text(out / "run.log"))] += 1
+            print(f"{job.name}: {phases.total()} kills, {dict(phases)}; {ends} ends", flush=True)
             continue
         assert process.returncode in (0, 1), process.stderr.read() if process.stderr else ""
         ends += 1
