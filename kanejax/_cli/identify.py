@@ -25,10 +25,11 @@ from kanejax._cli.terminal import (
     spinner,
     use_compilation_cache,
 )
+from kanejax._cli.unfinished import DEFAULT_INTERVAL, Fresh, Interval, Resume, check_unfinished, unfinished
 
 if TYPE_CHECKING:
     from kanejax._cli.inputs import Inputs
-    from kanejax._identify.result import Identification, Stage
+    from kanejax._identify.result import Identification
 
 # Sentences that are printed, and how much of each; the files have all of them.
 _SENTENCES, _LONGEST = 6, 280
@@ -56,7 +57,9 @@ def identify(
     validation: Annotated[
         list[Path] | None, typer.Option(help="A recording to hold out; may be given several times.", show_default=False)
     ] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Repeat stages that the folder has kept.")] = False,
+    resume: Resume = False,
+    fresh: Fresh = False,
+    checkpoint_interval: Interval = DEFAULT_INTERVAL,
     repair: Repair = False,
     strict: Strict = True,
     allow_unphysical: Unphysical = False,
@@ -68,10 +71,10 @@ def identify(
     """Find inertias, friction and other parameters of a robot from recordings of its motion.
 
     Writes report.html, identification.json, identified.urdf (inertias, damping and friction; for a URDF), identified.xml (MJCF),
-    predictions.npz and run.log. Stages that ended are kept in the folder: after an interruption the same command goes on from
-    there.
+    predictions.npz and run.log. What is unfinished is kept in the folder: after an interruption the same command goes on from
+    there with `--resume`.
 
-    Examples: `kanejax identify arm.urdf log.csv --out result`,
+    Examples: `kanejax identify arm.urdf log.csv --out result`, `kanejax identify arm.urdf log.csv --out result --resume`,
     `kanejax identify arm.urdf a.csv b.csv --validation c.csv --config id.toml --out result`,
     `kanejax identify --example-config > id.toml`
     """
@@ -81,6 +84,7 @@ def identify(
         from kanejax._cli.inputs import read_inputs
         from kanejax._cli.results import LOG_NAME
 
+        check_unfinished(out, resume=resume, fresh=fresh)
         use_compilation_cache()
         with jax.enable_x64(True):
             begun, held_out = time.perf_counter(), validation or []
@@ -93,51 +97,30 @@ def identify(
             files = {kind: listed for kind, listed in files.items() if listed}
             for line in (*(f"{kind}: {listed}" for kind, listed in files.items()), *inputs.notes):
                 say(line)
-            found = _identified(out, inputs, say, fresh=fresh, shown=not as_json and sys.stderr.isatty())
-            sound = _reported(out, inputs, found, files, say, seconds=time.perf_counter() - begun, as_json=as_json)
+            with unfinished(out, say, fresh=fresh) as checkpoint:
+                kept = {"checkpoint": checkpoint, "checkpoint_interval": checkpoint_interval}
+                found = _identified(inputs, say, kept, shown=not as_json and sys.stderr.isatty())
+                sound = _reported(out, inputs, found, files, say, seconds=time.perf_counter() - begun, as_json=as_json)
+                checkpoint.unlink(missing_ok=True)
     if not sound:
         raise typer.Exit(FAILED)
 
 
-def _identified(out: Path, inputs: "Inputs", say: Callable[[str], None], *, fresh: bool, shown: bool) -> "Identification":
-    """Run the stages that are not kept."""
-    import jax.numpy as jnp
-
-    from kanejax._cli.kept import KeptStages
-    from kanejax._cli.results import STATE_NAME
+def _identified(inputs: "Inputs", say: Callable[[str], None], kept: dict[str, Any], *, shown: bool) -> "Identification":
+    """Run the stages, from where they are kept on."""
     from kanejax._cli.stages import StageTable
     from kanejax._identify import identify as module
 
-    kept = KeptStages(out / STATE_NAME, inputs.fingerprint, inputs.stages, fresh=fresh)
-    if kept.stale:
-        complain(f"{out / STATE_NAME} belongs to other inputs and is not used", "warning: ")
-    resumed = kept.resumable
-    for stage in resumed:
-        say(f"{stage}: kept from before")
-
-    def finished(stage: "Stage", theta: Any) -> None:
-        # The next run may give a stage that did not converge more rounds.
-        if stage.converged:
-            kept.keep(stage, theta)
-        table.ended(stage.name)
-
-    with StageTable(inputs.stages, tuple(resumed), say, shown=shown) as table:
-        try:
-            return module.identify(
-                inputs.plant,
-                inputs.training,
-                inputs.unknowns,
-                validation=inputs.validation,
-                progress=table.round,
-                resume={name: (stage, jnp.asarray(theta)) for name, (stage, theta) in resumed.items()},
-                finished=finished,
-                **inputs.options,
-            )
-        except KeyboardInterrupt:
-            ended = ", ".join(kept.resumable) or "none"
-            say(f"interrupted; stages that ended: {ended}")
-            complain(f"{out}: stages that ended are kept ({ended}); the same command goes on from there", "")
-            raise
+    with StageTable(inputs.stages, say, shown=shown) as table:
+        return module.identify(
+            inputs.plant,
+            inputs.training,
+            inputs.unknowns,
+            validation=inputs.validation,
+            progress=table.round,
+            **kept,
+            **inputs.options,
+        )
 
 
 def _reported(

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from kanejax._cli.fingerprint import fingerprint_of
 from kanejax._cli.terminal import load
 from kanejax._errors import KanejaxError
+from kanejax._fingerprint import fingerprint_of
 from kanejax._identify.configuration import Configuration, ConfigurationError, configured_plant, read_configuration
 from kanejax._identify.identify import INVERSE_DYNAMICS, UNKNOWNS
 from kanejax._io.load import LoadReport

@@ -1,6 +1,5 @@
 """The command `kanejax optimize`."""
 
-import contextlib
 import json
 import sys
 import time
@@ -25,11 +24,11 @@ from kanejax._cli.terminal import (
     spinner,
     use_compilation_cache,
 )
+from kanejax._cli.unfinished import DEFAULT_INTERVAL, Fresh, Interval, Resume, check_unfinished, unfinished
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
-    from kanejax._cli.optimize_kept import KeptSearch
     from kanejax._motion_task.task_file import TaskFile
 
 
@@ -45,7 +44,9 @@ def _print_example(wanted: bool) -> bool:
 def optimize(
     task: Annotated[Path, typer.Argument(metavar="TASK", help="TOML file of the task; see --example.", show_default=False)],
     out: Annotated[Path, typer.Option(help="The folder to write to.", show_default=False)],
-    fresh: Annotated[bool, typer.Option("--fresh", help="Begin anew, even if the folder has an unfinished search.")] = False,
+    resume: Resume = False,
+    fresh: Fresh = False,
+    checkpoint_interval: Interval = DEFAULT_INTERVAL,
     repair: Repair = False,
     strict: Strict = True,
     allow_unphysical: Unphysical = False,
@@ -58,9 +59,10 @@ def optimize(
 
     Writes motion.json (costs, errors of the conditions of optimality, replays in diffrax and MuJoCo), motion.npz, motion.csv,
     motion.png (coordinates, speeds and forces with their limits), report.html (the same with the robot moving) and run.log.
-    After an interruption the same command goes on from where it was.
+    What is unfinished is kept in the folder: after an interruption the same command goes on from there with `--resume`.
 
-    Examples: `kanejax optimize task.toml --out result`, `kanejax optimize --example > task.toml`
+    Examples: `kanejax optimize task.toml --out result`, `kanejax optimize task.toml --out result --resume`,
+    `kanejax optimize --example > task.toml`
     """
     with one_line_errors():
         import jax
@@ -69,6 +71,7 @@ def optimize(
         from kanejax._motion_task.task_file import read_task
         from kanejax._optimize.feasibility import InfeasibleTaskError, NonFiniteTaskError
 
+        check_unfinished(out, resume=resume, fresh=fresh)
         use_compilation_cache()
         with jax.enable_x64(True):
             begun = time.perf_counter()
@@ -81,7 +84,9 @@ def optimize(
             for line in (f"Task: {task}", f"Robot: {file.robot.origin}", *_notes(file)):
                 say(line)
             try:
-                problem = _solved(file, {"task": str(task)}, out, say, begun, fresh=fresh, as_json=as_json)
+                with unfinished(out, say, fresh=fresh) as checkpoint:
+                    kept = {"checkpoint": checkpoint, "checkpoint_interval": checkpoint_interval}
+                    problem = _solved(file, {"task": str(task)}, out, say, begun, kept, as_json=as_json)
             except (InfeasibleTaskError, NonFiniteTaskError) as error:
                 problem = str(error)
             if problem:
@@ -92,66 +97,41 @@ def optimize(
 
 
 def _solved(
-    file: "TaskFile", details: dict[str, Any], out: Path, say: "Callable[[str], None]", begun: float, *, fresh: bool, as_json: bool
+    file: "TaskFile",
+    details: dict[str, Any],
+    out: Path,
+    say: "Callable[[str], None]",
+    begun: float,
+    kept: dict[str, Any],
+    *,
+    as_json: bool,
 ) -> str:
     """Search, replay, write and print; why there is no optimal motion, or nothing."""
-    from kanejax._cli.optimize_kept import KeptSearch
     from kanejax._cli.optimize_progress import SearchLine
-    from kanejax._cli.optimize_results import STATE_NAME, motion_record, replays, sentences, write_motion, write_pictures
-    from kanejax._cli.optimize_search import searched
+    from kanejax._cli.optimize_results import motion_record, replays, sentences, write_motion, write_pictures
+    from kanejax._cli.optimize_search import fingerprint, searched
     from kanejax._optimal_control.search import Result
 
-    mark, shown = _fingerprint(file), not as_json and sys.stderr.isatty()
-    kept = KeptSearch(out / STATE_NAME, mark, fresh=fresh)
-    with _kept_when_interrupted(kept, out, say):
-        with SearchLine(file.guesses, say, shown=shown) as line:
-            found = searched(file, kept, line)
-        motion, problem = found.best.motion, found.best.problem
-        with spinner("replaying"):
-            played = replays(file, motion) if not problem and file.output.get("replay", True) else {}
-        details |= {"robot": file.robot.origin, "fingerprint": mark, "notes": _notes(file), "seconds": time.perf_counter() - begun}
-        record = motion_record(file, found, played, details)
-        with spinner("writing"):
-            written = write_motion(out, file, motion, record)
-            if file.output.get("report", True):
-                written += write_pictures(out, file, motion, record)
-    if motion.result == Result.RUNNING and kept.write():
+    with SearchLine(file.guesses, say, shown=not as_json and sys.stderr.isatty()) as line:
+        found = searched(file, line, **kept)
+    motion, problem = found.best.motion, found.best.problem
+    with spinner("replaying"):
+        played = replays(file, motion) if not problem and file.output.get("replay", True) else {}
+    details |= {"robot": file.robot.origin, "fingerprint": fingerprint(file), "notes": _notes(file)}
+    details["seconds"] = time.perf_counter() - begun
+    record = motion_record(file, found, played, details)
+    with spinner("writing"):
+        written = write_motion(out, file, motion, record)
+        if file.output.get("report", True):
+            written += write_pictures(out, file, motion, record)
+    if motion.result == Result.RUNNING:
         say("the search is kept for more iterations")
     else:
-        kept.forget()
+        kept["checkpoint"].unlink(missing_ok=True)
     for sentence in sentences(record):
         say(sentence)
     _print(record, written, as_json=as_json)
     return f"not converged: {problem}" if problem else ""
-
-
-@contextlib.contextmanager
-def _kept_when_interrupted(kept: "KeptSearch", out: Path, say: "Callable[[str], None]") -> "Iterator[None]":
-    """Tell from where a search goes on, and keep it on Ctrl-C."""
-    if kept.stale:
-        complain(f"{kept.path} belongs to other inputs and is not used", "warning: ")
-    if kept:
-        say(f"going on after {kept}")
-    try:
-        yield
-    except KeyboardInterrupt:
-        done = (
-            f"{kept} are kept; the same command goes on from there" if kept.write() else "interrupted before the first iterations"
-        )
-        say(done)
-        complain(f"{out}: {done}", "")
-        raise
-
-
-def _fingerprint(file: "TaskFile") -> str:
-    """A hash of all that the motion depends on, but for how many iterations it may take."""
-    import equinox as eqx
-
-    from kanejax._cli.fingerprint import fingerprint_of
-
-    options = sorted((key, value) for key, value in file.options.items() if key != "max_iterations")
-    choices = (file.guesses, file.bend, file.seed, options)
-    return fingerprint_of(choices, eqx.filter(file.task, eqx.is_array), file.guess)
 
 
 def _notes(file: "TaskFile") -> tuple[str, ...]:

@@ -15,10 +15,10 @@ from rich.text import Text
 class StageTable:
     """A table that is drawn anew after each round; `shown` says whether it is drawn at all."""
 
-    def __init__(self, stages: tuple[str, ...], kept: tuple[str, ...], say: Callable[[str], None], *, shown: bool) -> None:
-        """Begin with stages that are kept, and others that wait."""
+    def __init__(self, stages: tuple[str, ...], say: Callable[[str], None], *, shown: bool) -> None:
+        """Begin with stages that wait."""
         self._rows: dict[str, dict[str, Any]] = {
-            stage: {"state": "kept" if stage in kept else "waits", "rounds": 0, "cost": None, "seconds": 0.0} for stage in stages
+            stage: {"state": "waits", "rounds": 0, "cost": None, "seconds": 0.0} for stage in stages
         }
         self._say, self._begun = say, time.perf_counter()
         self._live = Live(self._table(), console=Console(stderr=True), transient=True) if shown else None
@@ -31,29 +31,34 @@ class StageTable:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Take it away."""
+        if error is None:
+            self._end(*self._rows)
         if self._live is not None:
             self._live.stop()
 
     def round(self, stage: str, step: Any) -> None:
-        """A round of a stage has ended."""
-        row = self._row(stage)
+        """A round of a stage has ended, and so have the stages before."""
+        stages = list(self._rows)
+        self._end(*stages[: stages.index(stage)])
+        row = self._rows[stage]
         row.update(
             state="runs", rounds=row["rounds"] + 1, cost=getattr(step, "cost", None), seconds=time.perf_counter() - self._begun
         )
         self._say(f"{stage}: round {row['rounds']}, cost {_number(row['cost'])}")
         self._draw()
 
-    def ended(self, stage: str) -> None:
-        """A stage has ended."""
-        now = time.perf_counter()
-        row = self._row(stage)
-        row.update(state="ended", seconds=now - self._begun)
-        self._begun = now
-        self._say(f"{stage}: ended after {row['rounds']} rounds and {row['seconds']:.1f} s")
+    def _end(self, *stages: str) -> None:
+        """Stages have ended, in an earlier process if nothing was seen of them."""
+        for stage in stages:
+            row, now = self._rows[stage], time.perf_counter()
+            if row["state"] == "waits":
+                row.update(state="kept")
+                self._say(f"{stage}: kept from before")
+            elif row["state"] == "runs":
+                row.update(state="ended", seconds=now - self._begun)
+                self._say(f"{stage}: ended after {row['rounds']} rounds and {row['seconds']:.1f} s")
+                self._begun = now
         self._draw()
-
-    def _row(self, stage: str) -> dict[str, Any]:
-        return self._rows.setdefault(stage, {"state": "waits", "rounds": 0, "cost": None, "seconds": 0.0})
 
     def _draw(self) -> None:
         if self._live is not None:

@@ -1,6 +1,7 @@
 """Identification: from logs of a robot to the plant that made them, with what is known of it, in one call."""
 
 import dataclasses
+import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -10,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from kanejax._checkpoint import INTERVAL, Checkpoint, opened
 from kanejax._errors import LogError
 from kanejax._identify.conclusions import conclusions
 from kanejax._identify.result import Identification, Stage
@@ -57,8 +59,6 @@ class _Course(NamedTuple):
     starts: int
     seed: int
     progress: Callable[[str, Any], None] | None
-    resume: dict[str, Any]
-    finished: Callable[[Stage, Float[Array, " m"]], None] | None
 
 
 def identify(
@@ -76,8 +76,8 @@ def identify(
     starts: int = 1,
     seed: int = 0,
     progress: Callable[[str, Any], None] | None = None,
-    resume: Mapping[str, tuple[Stage, Float[Array, " m"]]] | None = None,
-    finished: Callable[[Stage, Float[Array, " m"]], None] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    checkpoint_interval: float = INTERVAL,
 ) -> Identification:
     """Find the numbers of a plant from recorded motions and motor signals.
 
@@ -107,14 +107,17 @@ def identify(
         starts: how many random starts to try; the first is the nominal plant.
         seed: of the random starts.
         progress: called with the name of the stage and what it has reached, after every round.
-        resume: what `finished` got of stages that ended before, by name; they are not fitted again.
-        finished: called with each stage that ends, and its theta.
+        checkpoint: path of a file in which the stages are kept, round by round, so that the same call goes on where it was after
+            Ctrl-C or a crash, and ends with the same numbers. It stays at the end, where the same call goes through no stage
+            again; remove it then.
+        checkpoint_interval: time between two writings of the file [s]; it is written at the end in any case.
 
     Returns:
         The plant, its parameters with what the data say of each, and the fits.
 
     Raises:
         LogError: log and model do not match, or there is too little data.
+        CheckpointError: the checkpoint belongs to other inputs, is none, or cannot be written; remove it, or give another path.
         ValueError: an option has no meaning.
         UnknownNameError: an unknown, a body or a joint is not there; the message lists what is.
     """
@@ -122,16 +125,16 @@ def identify(
     with jax.enable_x64(True):
         nominal = _in_double(model if isinstance(model, Plant) else Plant(model, Drives.ideal(model)))
         problem = _problem(nominal, log, unknowns, validation, dict(motion_options or {}), friction_width)
-        course = _Course(
-            stages, dict(simulation_options or {}), robust, tuple(anneal), starts, seed, progress, dict(resume or {}), finished
-        )
-        found = _staged(problem, course)
+        course = _Course(stages, dict(simulation_options or {}), robust, tuple(anneal), starts, seed, progress)
+        inputs = (problem.parameterization, problem.nominal, problem.training, course._replace(progress=None))
+        with opened(checkpoint, checkpoint_interval, "identify", *inputs) as kept:
+            found = _staged(problem, course, kept)
         dtype = (model.model if isinstance(model, Plant) else model).dtype
         plants = (jax.tree.map(lambda x: x.astype(dtype), plant) for plant in (found.plant, found.nominal))
         return dataclasses.replace(found, **dict(zip(("plant", "nominal"), plants, strict=True)))
 
 
-def _staged(problem: _Problem, course: _Course) -> Identification:
+def _staged(problem: _Problem, course: _Course, checkpoint: Checkpoint) -> Identification:
     """Go through the stages."""
     sought, training = problem.parameterization, problem.training
     base = identifiable(sought)
@@ -145,39 +148,31 @@ def _staged(problem: _Problem, course: _Course) -> Identification:
     for stage in course.stages:
         if stage == SIMULATION and "friction_width" not in {unknown.leaf for unknown in sought.unknowns}:
             sought = _with_widths(sought, problem.nominal.given.model.friction_width)
-        if stage in course.resume:
-            ended.append(course.resume[stage][0])
-            theta = jnp.asarray(course.resume[stage][1], theta.dtype)
-            if stage == SIMULATION:
-                once = course._replace(
-                    simulation_options=course.simulation_options | {"max_iterations": 1}, anneal=(), progress=None
-                )
-                factor = np.asarray(_fit_simulation(sought, training, theta[None], once).factor, float)
-            continue
         starts = sought.starts(jax.random.key(course.seed), course.starts).at[0].set(theta)
         if stage == INVERSE_DYNAMICS:
-            fit = _fit_inverse_dynamics(sought, training, starts, course)
+            fit = _fit_inverse_dynamics(sought, training, starts, course, checkpoint.part(stage))
             theta = fit.theta
             cost = fit.history[-1].cost if fit.history else float("nan")
             ended.append(Stage(stage, fit.converged, fit.message, len(fit.history), cost, np.asarray(fit.sigma, float)))
         else:
-            found = _fit_simulation(sought, training, starts, course)
+            found = _fit_simulation(sought, training, starts, course, checkpoint.part(stage))
             theta, factor = found.theta, np.asarray(found.factor, float)
             ended.append(Stage(stage, found.converged, found.message, found.iterations, found.cost, next(iter(found.rms.values()))))
-        if course.finished is not None:
-            course.finished(ended[-1], theta)
     robust = course.robust and INVERSE_DYNAMICS in course.stages
     return conclusions(problem.nominal, sought, theta, base, training, problem.validation, ended, factor, robust)
 
 
-def _fit_simulation(sought: Parameterization, training: Sequence[Motion], starts: jax.Array, course: _Course) -> SimulationFit:
+def _fit_simulation(
+    sought: Parameterization, training: Sequence[Motion], starts: jax.Array, course: _Course, checkpoint: Checkpoint
+) -> SimulationFit:
     """Fit with friction that sets in more and more at once."""
     tell, width = course.progress, sought.given.model.friction_width
     told = None if tell is None else lambda it: tell(SIMULATION, it)
     options = {"progress": told, "robust": course.robust, **course.simulation_options}
-    for factor in course.anneal:
-        starts = fit_simulation(_with_widths(sought, factor * width), training, starts=starts, **options).theta[None]
-    return fit_simulation(sought, training, starts=starts, **options)
+    for number, factor in enumerate(course.anneal):
+        wide, kept = _with_widths(sought, factor * width), checkpoint.part(f"width {number}")
+        starts = fit_simulation(wide, training, starts=starts, checkpoint=kept, **options).theta[None]
+    return fit_simulation(sought, training, starts=starts, checkpoint=checkpoint.part("given width"), **options)
 
 
 def _with_widths(sought: Parameterization, width: Float[Array, " nv"]) -> Parameterization:
@@ -255,7 +250,11 @@ def _delay(plant: Plant, unknowns: Sequence[Unknown | str], training: Sequence[M
 
 
 def _fit_inverse_dynamics(
-    sought: Parameterization, training: Sequence[Motion], starts: Float[Array, "starts m"], course: _Course
+    sought: Parameterization,
+    training: Sequence[Motion],
+    starts: Float[Array, "starts m"],
+    course: _Course,
+    checkpoint: Checkpoint,
 ) -> Fit:
     def samples_at(delay: Float[Array, ""]) -> Samples:
         return samples_of(training, delay)
@@ -265,5 +264,11 @@ def _fit_inverse_dynamics(
     delay = sought.given.drives.delay
     samples = samples_at(delay) if "delay" in sought.names else samples_of(training, delay if float(delay) else None)
     return fit_inverse_dynamics(
-        sought, samples._replace(rates=None), starts=starts, robust=course.robust, samples_at=samples_at, progress=tell
+        sought,
+        samples._replace(rates=None),
+        starts=starts,
+        robust=course.robust,
+        samples_at=samples_at,
+        progress=tell,
+        checkpoint=checkpoint,
     )

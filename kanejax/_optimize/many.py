@@ -1,6 +1,7 @@
 """Optimal motions of any number of tasks, on all cores."""
 
 import contextlib
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -9,7 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from kanejax._lanes import Listed, Results, cores, progress_bar, run_lanes
+from kanejax._checkpoint import INTERVAL, Checkpoint, opened
+from kanejax._lanes import Listed, Results, Runner, cores, progress_bar, run_lanes
 from kanejax._optimal_control.interior_point import first_search, searched
 from kanejax._optimal_control.search import Result, Search
 from kanejax._optimize.motion import OptimalMotion, motion_of
@@ -34,12 +36,13 @@ def optimize_batch(
     batch_size: int = 1,
     threads: int | None = None,
     progress: bool = False,
-    resume: OptimalMotion | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    checkpoint_interval: float = INTERVAL,
 ) -> OptimalMotion:
     """The motions of least cost of many tasks, by one compiled function: goals, starts, limits, payloads, or models differ.
 
     A search that has ended makes room for the next, so that none waits for one that needs more iterations. One that does not
-    converge does not touch the others: its `result` says so. After Ctrl-C, `resume` runs only what is missing.
+    converge does not touch the others: its `result` says so.
 
     Args:
         task: function of one row of the parameters, which returns the task, or the task and a guess. It is traced by JAX.
@@ -50,36 +53,55 @@ def optimize_batch(
             one is fastest; more fill an accelerator.
         threads: how many of these run side by side; by default one for each core.
         progress: show a progress bar.
-        resume: `motion` of an OptimizationInterrupted from the same call.
+        checkpoint: path of a file in which motions are kept as they are found, so that after Ctrl-C or a crash the same call runs
+            only what is missing, and ends with the same numbers. It stays at the end, where the same call finds all; remove it
+            then.
+        checkpoint_interval: time between two writings of the file [s]; it is written at the end in any case.
 
     Returns:
         The motions, numpy arrays with a leading batch axis.
 
     Raises:
         ValueError: the leading axes of the parameters differ, or a task does not fit.
-        OptimizationInterrupted: on Ctrl-C, once a motion is finished.
+        CheckpointError: the checkpoint belongs to other tasks, is none, or cannot be written; remove it, or give another path.
+        OptimizationInterrupted: on Ctrl-C, once a motion is finished; its `motion` has those that are.
     """
     check_positive(max_iterations=max_iterations, batch_size=batch_size, threads=threads)
     length = _length(parameters)
-    if resume is not None and len(resume.result) != length:
-        there_are = f"resume has {len(resume.result)} motions, but there are {length} tasks"
-        raise ValueError(f"{there_are}; give those of the interrupted call")
-    waiting = np.arange(length) if resume is None else np.flatnonzero(np.asarray(resume.result) == Result.NOT_RUN)
-    threads = min(cores(), max(len(waiting), 1)) if threads is None else threads
-    size = min(batch_size, max(1, -(-len(waiting) // threads)))
-    results = Results(length, None if resume is None else jax.tree.map(np.array, resume), _flag, Result.NOT_RUN)
-    counts = run_lanes(_runner(task, parameters, size, tolerance, max_iterations), Listed(waiting), size, threads, results.store)
-    try:
-        with progress_bar("optimizing", len(waiting), progress) as advance, contextlib.closing(counts):
-            for count in counts:
-                advance(count)
-    except KeyboardInterrupt as error:
-        if (done := results.close()) is None:
-            raise
-        raise OptimizationInterrupted(done, "go on with resume=error.motion") from error
+    threads = min(cores(), length) if threads is None else threads
+    # Also where some are done already: programs of other sizes give numbers that differ by rounding errors.
+    size = min(batch_size, max(1, -(-length // threads)))
+    run = _runner(task, parameters, size, tolerance, max_iterations)
+    inputs = (task, parameters, tolerance, max_iterations, size)
+    with opened(checkpoint, checkpoint_interval, "optimize_batch", *inputs) as kept:
+        before = _restored(kept, run, size) if kept.has_begun else None
+        results = Results(length, before, _flag, Result.NOT_RUN)
+        waiting = np.arange(length) if before is None else np.flatnonzero(before.result == Result.NOT_RUN)
+        counts = run_lanes(run, Listed(waiting), size, threads, results.store)
+        try:
+            with progress_bar("optimizing", len(waiting), progress) as advance, contextlib.closing(counts):
+                for count in counts:
+                    advance(count)
+                    kept.keep(lambda: _copied(results))
+        except KeyboardInterrupt as error:
+            if (done := results.close()) is None:
+                raise
+            raise OptimizationInterrupted(done, "the attribute `motion` has what is finished") from error
     done = results.close()
     assert done is not None
     return done
+
+
+def _restored(checkpoint: Checkpoint, run: Runner, size: int) -> OptimalMotion:
+    """The motions that a checkpoint has."""
+    shapes = eqx.filter_eval_shape(lambda: run(np.zeros(size, int), None, np.ones(size, bool)))
+    return checkpoint.restored(shapes[2])
+
+
+def _copied(results: Results[OptimalMotion]) -> OptimalMotion | None:
+    """The motions that are finished, while threads go on."""
+    with results.lock:
+        return jax.tree.map(np.array, results.whole)
 
 
 def _flag(motion: OptimalMotion) -> Any:
@@ -95,7 +117,7 @@ def _length(parameters: Any) -> int:
     return next(iter(lengths.values()))[0]
 
 
-def _runner(task: TaskOf, parameters: Any, size: int, tolerance: float | None, max_iterations: int) -> Callable:
+def _runner(task: TaskOf, parameters: Any, size: int, tolerance: float | None, max_iterations: int) -> Runner:
     """The function that goes on with searches given by their rows, or starts anew."""
     parameters = jax.tree.map(np.asarray, parameters)
     limits = jnp.asarray(max_iterations if size == 1 else SEGMENT), jnp.asarray(max_iterations)

@@ -1,6 +1,7 @@
 """Optimal motions, by the interior-point method or by IPOPT."""
 
 import importlib.util
+import os
 from collections.abc import Callable, Mapping
 from typing import Any, final
 
@@ -9,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from kanejax._checkpoint import INTERVAL, Checkpoint, opened
 from kanejax._errors import KanejaxError
 from kanejax._optimal_control.interior_point import first_search, searched
 from kanejax._optimal_control.ipopt import SearchInterrupted, searched_by_ipopt
@@ -138,8 +140,8 @@ def optimize(
     tolerance: float | None = None,
     max_iterations: int = 300,
     progress: Callable[[OptimalMotion], None] | None = None,
-    keep: Callable[[Search], None] | None = None,
-    search: Search | None = None,
+    checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
+    checkpoint_interval: float = INTERVAL,
     throw: bool = True,
     solver: str = "interior_point",
     ipopt_options: Mapping[str, Any] | None = None,
@@ -152,8 +154,10 @@ def optimize(
         tolerance: to which the conditions of optimality hold in the end, by default 1e-8 (float32: 1e-3).
         max_iterations: after which the search ends.
         progress: called with the motion so far after every ten iterations.
-        keep: called with the state of the search at the same times, before `progress`: arrays to go on from.
-        search: what `keep` was given for the same task and guess; the search goes on from there, as if it had never ended.
+        checkpoint: path of a file in which the search is kept, so that the same call, maybe with more iterations, goes on where it
+            was after Ctrl-C or a crash, and ends with the same numbers; IPOPT, which tells less of its state, with an optimum near
+            to them. It stays at the end, where the same call finds what was found; remove it then.
+        checkpoint_interval: time between two writings of the file [s]; it is written at the end in any case.
         throw: raise where the search does not converge, instead of returning a motion that says so.
         solver: "interior_point", that of `optimal_motion`, or "ipopt", which `pip install 'kanejax[ipopt]'` brings.
         ipopt_options: IPOPT's own, such as {"mu_strategy": "adaptive", "print_level": 5}.
@@ -166,6 +170,7 @@ def optimize(
         NonFiniteTaskError: something is infinite or not a number at the first guess.
         OptimizationError: the search did not converge.
         OptimizationInterrupted: on Ctrl-C.
+        CheckpointError: the checkpoint belongs to another task, is none, or cannot be written; remove it, or give another path.
         SolverNotInstalledError: IPOPT is not.
         ValueError: an option of a solver does not exist.
     """
@@ -173,22 +178,23 @@ def optimize(
     check_task(task)
     guess = straight_guess(task) if guess is None else guess
     stages = MotionStages(task, guess.q)
-    search = _first(stages, guess) if search is None else search
+    inputs = (task, guess, tolerance, solver, ipopt_options)
+    with opened(checkpoint, checkpoint_interval, "optimize", *inputs) as kept:
+        search = kept.restored(_first(stages, guess))
 
-    def watch(now: Search) -> None:
-        nonlocal search
-        search = now
-        if keep is not None:
-            keep(search)
-        if progress is not None:
-            progress(_motion(stages, search))
+        def watch(now: Search) -> None:
+            nonlocal search
+            search = now
+            kept.keep(search)
+            if progress is not None:
+                progress(_motion(stages, search))
 
-    try:
-        search = _ended(stages, search, tolerance_of(task, tolerance), max_iterations, watch, solver, ipopt_options)
-    except SearchInterrupted as error:
-        raise OptimizationInterrupted(_motion(stages, error.search)) from error
-    except KeyboardInterrupt as error:
-        raise OptimizationInterrupted(_motion(stages, search)) from error
+        try:
+            search = _ended(stages, search, tolerance_of(task, tolerance), max_iterations, watch, solver, ipopt_options)
+        except SearchInterrupted as error:
+            raise OptimizationInterrupted(_motion(stages, error.search)) from error
+        except KeyboardInterrupt as error:
+            raise OptimizationInterrupted(_motion(stages, search)) from error
     if int(search.result) == Result.NON_FINITE:
         check_finite(stages, search.point.path)
     motion = _motion(stages, search)

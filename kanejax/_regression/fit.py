@@ -7,20 +7,19 @@ weighted by their own size, or by Huber's function, the weights are found on the
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
-import optimistix as optx
-from jax import lax
 from jaxtyping import Array, Float
 
+from kanejax._checkpoint import Checkpoint
 from kanejax._parameters.parameterization import Parameterization
-from kanejax._regression.compress import Compressed, combined, compress, residuals, sums_of_squares
+from kanejax._regression.compress import Compressed, combined, compress, residuals
 from kanejax._regression.huber import huber_cost
-from kanejax._regression.linear_estimate import UNEXCITED, error_scale, robust_scale, scaled_gram, signal_sizes
+from kanejax._regression.least_squares import change_between, cost_of, polished, rank, solved
+from kanejax._regression.linear_estimate import error_scale, robust_scale, signal_sizes
 from kanejax._regression.linearization import Samples, delay_index
 from kanejax._regression.one_thread import one_thread
 
@@ -45,6 +44,9 @@ class Step(NamedTuple):
     cost: float
     sigma: np.ndarray
     change: float
+
+
+Tell = Callable[[Step], None] | None
 
 
 class Fit(NamedTuple):
@@ -80,7 +82,8 @@ def fit_inverse_dynamics(
     sigma: Float[Array, " nv"] | None = None,
     max_rounds: int = 50,
     samples_at: Callable[[Float[Array, ""]], Samples] | None = None,
-    progress: Callable[[Step], None] | None = None,
+    progress: Tell = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Fit:
     """Fit all that is sought to measured signals.
 
@@ -93,13 +96,18 @@ def fit_inverse_dynamics(
         max_rounds: of linearising, or of weighting.
         samples_at: samples for another delay [s], where the delay is sought.
         progress: called after every round.
+        checkpoint: to go on from, and to keep every round in.
     """
+    checkpoint = checkpoint or Checkpoint()
     thetas = parameterization.theta0[None] if starts is None else starts
     signals = _Signals(parameterization, samples, samples_at, robust, sigma)
     with one_thread():
         if parameterization.linear:
-            return _fit_linear(signals, thetas, max_rounds, progress)
-        fits = [_fit_nonlinear(signals, theta, max_rounds, progress) for theta in thetas]
+            return _fit_linear(signals, thetas, max_rounds, progress, checkpoint)
+        fits = [
+            _fit_nonlinear(signals, theta, max_rounds, progress, checkpoint.part(f"start {number}"))
+            for number, theta in enumerate(thetas)
+        ]
     costs = np.array([fit.history[-1].cost if fit.history else np.inf for fit in fits])
     best = int(np.argmin(costs))
     return _told(fits[best], costs)
@@ -140,78 +148,160 @@ class _Signals:
     def cost(self, theta: jax.Array, compressed: Compressed, sigma: jax.Array) -> float:
         """Sum of squared residuals and priors at theta, where data were linearised there; with Huber's function if it is robust."""
         if not self.robust:
-            return float(_cost(self.parameterization, compressed, sigma, theta))
+            return float(cost_of(self.parameterization, compressed, sigma, theta))
         phi, prior = self.parameterization.phi(theta), self.parameterization.prior(theta)
         sizes = jnp.abs(residuals(self.parameterization, phi, self._at(phi))) / sigma[None]
         return float(jnp.sum(huber_cost(sizes)) + jnp.sum(prior * prior))
 
 
-def _fit_linear(signals: _Signals, thetas: jax.Array, max_rounds: int, progress: Callable[[Step], None] | None) -> Fit:
+class _History(NamedTuple):
+    """The steps that were taken, one a row."""
+
+    cost: Float[np.ndarray, " n"]
+    sigma: Float[np.ndarray, "n nv"]
+    change: Float[np.ndarray, " n"]
+
+    def with_step(self, step: Step) -> "_History":
+        """One more row."""
+        return _History(*(np.concatenate((before, np.asarray(now, float)[None])) for before, now in zip(self, step, strict=True)))
+
+    def steps(self) -> tuple[Step, ...]:
+        """One by one."""
+        return tuple(Step(float(cost), sigma, float(change)) for cost, sigma, change in zip(*self, strict=True))
+
+
+class _State(NamedTuple):
+    """All that goes from round to round.
+
+    Attributes:
+        theta: free coordinates.
+        phi: parameters.
+        sigma: standard deviation of each signal's errors.
+        compressed: the data, linearised at `phi`.
+        damping: of the next step.
+        is_holding: whether shapes are held.
+        fitted: number of combinations of parameters that the data determine.
+        rounds: so far.
+        history: the steps that were taken.
+        costs: that the starts came to.
+        is_over: whether there is no more to do.
+        converged: whether the last round changed nothing that matters.
+    """
+
+    theta: Float[Array, " m"]
+    phi: Float[Array, " n"]
+    sigma: Float[Array, " nv"]
+    compressed: Compressed
+    damping: float
+    is_holding: bool
+    fitted: int
+    rounds: int
+    history: _History
+    costs: Float[np.ndarray, " starts"]
+    is_over: bool
+    converged: bool
+
+    def fit(self, message: str) -> Fit:
+        """What was found, and what there is to say of it."""
+        message = _SETTLED if self.converged else message
+        return Fit(self.theta, self.phi, self.sigma, self.compressed, self.converged, message, self.history.steps(), (1, 1))
+
+
+def _first_state(theta: jax.Array, phi: jax.Array, sigma: jax.Array, compressed: Compressed, fitted: int) -> _State:
+    none = _History(np.zeros(0), np.zeros((0, len(sigma))), np.zeros(0))
+    return _State(theta, phi, sigma, compressed, _FIRST_DAMPING, False, fitted, 0, none, np.zeros(1), False, False)
+
+
+def _fit_linear(signals: _Signals, thetas: jax.Array, max_rounds: int, progress: Tell, checkpoint: Checkpoint) -> Fit:
     """Solve, weight, and solve again; the data are linearised once, and about the first solution once more, see compress."""
-    parameterization = signals.parameterization
-    phi = parameterization.phi(thetas[0])
+    phi = signals.parameterization.phi(thetas[0])
     compressed = signals.compressed(phi, None)
-    fitted = _rank(compressed)
-    sigma = signals.sigma(phi, compressed, 0)
-    held, history, costs = jnp.zeros(len(phi), bool), [], np.zeros(1)
-    for _ in range(max_rounds):
-        found, reached = _solved(parameterization, combined(compressed, sigma), thetas, compressed.center, 0.0, held)
-        if not history:
-            costs = np.asarray(reached, float)
-        theta = _polished(parameterization, combined(compressed, sigma), compressed.center, found[int(jnp.nanargmin(reached))])
-        new, thetas = parameterization.phi(theta), theta[None]
-        change = _change(compressed, sigma, phi, new)
-        phi, before = new, sigma
-        if signals.robust or not history:
-            compressed = signals.compressed(phi, sigma)
-        sigma = signals.sigma(phi, compressed, fitted)
-        history.append(Step(signals.cost(theta, compressed, sigma), np.asarray(sigma), change))
+    state = _first_state(thetas[0], phi, signals.sigma(phi, compressed, 0), compressed, rank(compressed))
+    state = checkpoint.restored(state._replace(costs=np.zeros(len(thetas))))
+    while not state.is_over and state.rounds < max_rounds:
+        state = _linear_round(signals, state, thetas if state.rounds == 0 else state.theta[None])
+        checkpoint.keep(state)
         if progress is not None:
-            progress(history[-1])
-        if change < _TOLERANCE and _stays(sigma, before):
-            return _told(Fit(theta, phi, sigma, compressed, True, _SETTLED, tuple(history), (1, 1)), costs)
-    message = f"did not settle in {max_rounds} rounds"
-    return _told(Fit(thetas[0], phi, sigma, compressed, False, message, tuple(history), (1, 1)), costs)
+            progress(state.history.steps()[-1])
+    return _told(state.fit(f"did not settle in {max_rounds} rounds"), state.costs)
 
 
-def _fit_nonlinear(signals: _Signals, theta: jax.Array, max_rounds: int, progress: Callable[[Step], None] | None) -> Fit:
+def _linear_round(signals: _Signals, state: _State, starts: jax.Array) -> _State:
+    """Solve with the standard deviations of the errors before, and find new ones."""
+    parameterization, compressed = signals.parameterization, state.compressed
+    root = combined(compressed, state.sigma)
+    held = jnp.zeros(len(state.phi), bool)
+    found, reached = solved(parameterization, root, starts, compressed.center, 0.0, held)
+    theta = polished(parameterization, root, compressed.center, found[int(jnp.nanargmin(reached))])
+    phi = parameterization.phi(theta)
+    change = change_between(compressed, state.sigma, state.phi, phi)
+    if signals.robust or state.rounds == 0:
+        compressed = signals.compressed(phi, state.sigma)
+    sigma = signals.sigma(phi, compressed, state.fitted)
+    settled = change < _TOLERANCE and _stays(sigma, state.sigma)
+    return state._replace(
+        theta=theta,
+        phi=phi,
+        sigma=sigma,
+        compressed=compressed,
+        rounds=state.rounds + 1,
+        history=state.history.with_step(Step(signals.cost(theta, compressed, sigma), np.asarray(sigma), change)),
+        costs=np.asarray(reached, float) if state.rounds == 0 else state.costs,
+        is_over=settled,
+        converged=settled,
+    )
+
+
+def _fit_nonlinear(signals: _Signals, theta: jax.Array, max_rounds: int, progress: Tell, checkpoint: Checkpoint) -> Fit:
     """Linearise, take a step that is held back by damping, and weight again."""
     parameterization = signals.parameterization
     phi = parameterization.phi(theta)
     compressed = signals.compressed(phi, None)
     sigma = signals.sigma(phi, compressed, 0)
     compressed = signals.compressed(phi, sigma)
-    fitted, damping, history = _rank(compressed), _FIRST_DAMPING, []
     shapes = jnp.asarray([any(name.endswith(shape) for shape in _SHAPES) for name in parameterization.names])
-    holding = bool(jnp.any(shapes))
-    converged, message = False, f"did not settle in {max_rounds} rounds: the fit goes on improving"
-    for _ in range(max_rounds):
-        cost, root = signals.cost(theta, compressed, sigma), combined(compressed, sigma)
-        found, promised = _solved(parameterization, root, theta[None], compressed.center, damping, shapes & holding)
-        new = parameterization.phi(found[0])
-        after = signals.compressed(new, sigma)
-        linearised = float(_cost(parameterization, compressed, sigma, theta))
-        gain = cost - signals.cost(found[0], after, sigma)
-        taken, damping = _next_damping(damping, gain, linearised - float(promised[0]), cost)
-        settled = damping > _MOST_DAMPING
-        if taken:
-            change = _change(compressed, sigma, phi, new)
-            theta, phi, compressed, before = found[0], new, after, sigma
-            sigma = signals.sigma(phi, compressed, fitted)
-            history.append(Step(signals.cost(theta, compressed, sigma), np.asarray(sigma), change))
-            if progress is not None:
-                progress(history[-1])
-            settled = change < _TOLERANCE and _stays(sigma, before)
-        if settled and holding:
-            holding, damping = False, _FIRST_DAMPING
-        elif settled:
-            # A step may be short because it was held back: converged is where one that is not promises nothing.
-            free = _solved(parameterization, combined(compressed, sigma), theta[None], compressed.center, 0.0, shapes & False)[1]
-            left = float(_cost(parameterization, compressed, sigma, theta)) - float(free[0])
-            converged = bool(left <= 1e-6 * float(jnp.sum(compressed.count)) + 1e-3)
-            message = _SETTLED if converged else "no step improves the fit, though it is at no minimum"
-            break
-    return Fit(theta, phi, sigma, compressed, converged, message, tuple(history), (1, 1))
+    state = _first_state(theta, phi, sigma, compressed, rank(compressed))
+    state = checkpoint.restored(state._replace(is_holding=bool(jnp.any(shapes))))
+    while not state.is_over and state.rounds < max_rounds:
+        taken = len(state.history.change)
+        state = _nonlinear_round(signals, state, shapes)
+        checkpoint.keep(state)
+        if progress is not None and len(state.history.change) > taken:
+            progress(state.history.steps()[-1])
+    at_end = "no step improves the fit, though it is at no minimum"
+    return state.fit(at_end if state.is_over else f"did not settle in {max_rounds} rounds: the fit goes on improving")
+
+
+def _nonlinear_round(signals: _Signals, state: _State, shapes: jax.Array) -> _State:
+    """Try a step, and see whether it was the last."""
+    parameterization, compressed, sigma = signals.parameterization, state.compressed, state.sigma
+    cost, root = signals.cost(state.theta, compressed, sigma), combined(compressed, sigma)
+    held = shapes & state.is_holding
+    found, promised = solved(parameterization, root, state.theta[None], compressed.center, state.damping, held)
+    new = parameterization.phi(found[0])
+    after = signals.compressed(new, sigma)
+    linearised = float(cost_of(parameterization, compressed, sigma, state.theta))
+    gain = cost - signals.cost(found[0], after, sigma)
+    taken, damping = _next_damping(state.damping, gain, linearised - float(promised[0]), cost)
+    state = state._replace(damping=damping, rounds=state.rounds + 1)
+    settled = damping > _MOST_DAMPING
+    if taken:
+        change = change_between(compressed, sigma, state.phi, new)
+        state = state._replace(theta=found[0], phi=new, compressed=after, sigma=signals.sigma(new, after, state.fitted))
+        step = Step(signals.cost(state.theta, after, state.sigma), np.asarray(state.sigma), change)
+        state = state._replace(history=state.history.with_step(step))
+        settled = change < _TOLERANCE and _stays(state.sigma, sigma)
+    if settled and state.is_holding:
+        return state._replace(is_holding=False, damping=_FIRST_DAMPING)
+    return state._replace(is_over=True, converged=_is_minimum(parameterization, state)) if settled else state
+
+
+def _is_minimum(parameterization: Parameterization, state: _State) -> bool:
+    """Whether a step that is not held back promises nothing; one that is may be short because of that."""
+    compressed, sigma, free = state.compressed, state.sigma, jnp.zeros(len(state.phi), bool)
+    promised = solved(parameterization, combined(compressed, sigma), state.theta[None], compressed.center, 0.0, free)[1]
+    left = float(cost_of(parameterization, compressed, sigma, state.theta)) - float(promised[0])
+    return bool(left <= 1e-6 * float(jnp.sum(compressed.count)) + 1e-3)
 
 
 def _told(fit: Fit, costs: np.ndarray) -> Fit:
@@ -226,82 +316,6 @@ def _stays(sigma: jax.Array, before: jax.Array) -> bool:
     return float(jnp.max(jnp.abs(sigma / before - 1.0))) < _TOLERANCE
 
 
-@jax.jit
-def _solved(
-    parameterization: Parameterization, root: jax.Array, thetas: jax.Array, center: jax.Array, damping: Any, held: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """The best theta from each start, and their costs.
-
-    `damping` holds phi near to where the data were linearised, and what is `held` right there.
-    """
-    lengths = jnp.linalg.norm(root[:, :-1], axis=0)
-
-    def errors(theta: jax.Array, _: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
-        spring = jnp.sqrt(jnp.asarray(damping, theta.dtype)) * jnp.where(held, 1e6, 1.0) * lengths
-        return *_errors(parameterization, root, center, theta), spring * (parameterization.phi(theta) - center)
-
-    # Of many starts the best is solved for again in the next round.
-    tolerance = (1e-10 if len(thetas) == 1 else 1e-6) if thetas.dtype == jnp.float64 else 1e-5
-    # Normal equations for the steps: the residuals, which say where they end, are not squared.
-    solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance, linear_solver=lx.Normal(lx.Cholesky()))
-
-    def solve(theta: jax.Array) -> tuple[jax.Array, jax.Array]:
-        value = optx.least_squares(errors, solver, theta, max_steps=300, throw=False).value
-        left = errors(value, None)
-        cost = sum(jnp.sum(x * x) for x in left)
-        return value, jnp.where(jnp.isfinite(cost), cost, jnp.inf)
-
-    # One after another: side by side all would take as many steps as the slowest, in matrices that leave the cache.
-    return lax.map(solve, thetas)
-
-
-def _errors(
-    parameterization: Parameterization, root: jax.Array, center: jax.Array, theta: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Residuals of the data, and of the priors."""
-    change = parameterization.phi(theta) - center
-    return root[:, -1] - jnp.matmul(root[:, :-1], change, precision="highest"), parameterization.prior(theta)
-
-
-@jax.jit
-def _system(
-    parameterization: Parameterization, root: jax.Array, center: jax.Array, theta: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """All residuals, and their derivatives."""
-
-    def errors(theta: jax.Array) -> jax.Array:
-        return jnp.concatenate(_errors(parameterization, root, center, theta))
-
-    return errors(theta), jax.jacfwd(errors)(theta)
-
-
-def _polished(parameterization: Parameterization, root: jax.Array, center: jax.Array, theta: jax.Array) -> jax.Array:
-    """Theta after steps of Gauss and Newton by orthogonal transformations, for what normal equations leave of exact data."""
-    for _ in range(3):
-        error, columns = (np.asarray(x, float) for x in _system(parameterization, root, center, theta))
-        length = np.linalg.norm(columns, axis=0)
-        length = np.where(length > 0, length, 1.0)
-        new = theta - jnp.asarray(np.linalg.lstsq(columns / length, error, rcond=None)[0] / length, theta.dtype)
-        after = np.asarray(_system(parameterization, root, center, new)[0], float)
-        if not np.sum(after**2) < np.sum(error**2):
-            break
-        theta = new
-    return theta
-
-
-@jax.jit
-def _cost(parameterization: Parameterization, compressed: Compressed, sigma: jax.Array, theta: jax.Array) -> jax.Array:
-    prior = parameterization.prior(theta)
-    return jnp.sum(sums_of_squares(compressed, parameterization.phi(theta)) / sigma**2) + jnp.sum(prior * prior)
-
-
-@jax.jit
-def _largest_change(compressed: Compressed, sigma: jax.Array, before: jax.Array, after: jax.Array) -> jax.Array:
-    moved = after - before
-    square = jnp.einsum("i,rij,j->r", moved, compressed.products[:, :-1, :-1], moved, precision="highest")
-    return jnp.sqrt(jnp.max(jnp.maximum(square, 0.0) / jnp.maximum(compressed.count, 1.0) / sigma**2))
-
-
 def _next_damping(damping: float, gain: float, promised: float, cost: float) -> tuple[bool, float]:
     """Whether to take a step, and the damping of the next, from what it lowers the cost by and what it promised."""
     if not gain >= -1e-12 * cost:
@@ -310,15 +324,3 @@ def _next_damping(damping: float, gain: float, promised: float, cost: float) -> 
     if share < 0.25:
         return True, damping * 4.0
     return True, max(damping * 0.1, _LEAST_DAMPING) if share > 0.75 else damping
-
-
-def _change(compressed: Compressed, sigma: jax.Array, before: jax.Array, after: jax.Array) -> float:
-    """Root mean square by which a signal's prediction changes, relative to its errors, of the signal where that is most."""
-    return float(_largest_change(compressed, sigma, before, after))
-
-
-def _rank(compressed: Compressed) -> int:
-    """Number of combinations of parameters that the data determine."""
-    products = np.asarray(jnp.sum(compressed.products, 0), float)[:-1, :-1]
-    values = np.linalg.eigvalsh(scaled_gram(products)[0])
-    return int(np.sum(values > UNEXCITED**2 * values.max(initial=0.0)))

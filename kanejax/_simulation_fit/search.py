@@ -9,17 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from kanejax._checkpoint import Checkpoint
 from kanejax._parameters.parameterization import Parameterization
-from kanejax._regression.huber import HUBER
-from kanejax._simulation_fit.levenberg_marquardt import FIRST_DAMPING, MOST_DAMPING, Proposal, cost, next_damping, proposal
+from kanejax._simulation_fit.best import Best
+from kanejax._simulation_fit.levenberg_marquardt import MOST_DAMPING, Proposal, cost, next_damping, proposal
 from kanejax._simulation_fit.recorded import Recorded
+from kanejax._simulation_fit.search_state import LOOSE, Place, State, first_state, in_round, on_device, with_ends
 from kanejax._simulation_fit.shooting import Linearization, Shooting, linearized
-from kanejax._simulation_fit.simulation_fit import Iteration, Prediction, SimulationFit
+from kanejax._simulation_fit.simulation_fit import Iteration, SimulationFit
 
 # Standard deviations that change by less than this are not estimated again, and not more often than this.
 _SIGMA_CHANGE, _SIGMA_ROUNDS = 0.05, 4
-# The weight of gaps [s/rad], relative to that of one standard deviation, at first, and by how much it grows.
-_LOOSE, _TIGHTEN = 1.0, 30.0
 # A fit is at its end where a step promises less than this fraction of the cost; with windows before the last, than a greater one.
 _ENOUGH, _LITTLE = 1e-7, 1e-2
 # At a minimum the residuals are orthogonal to what the parameters change; the cosine where rounding errors stop the descent.
@@ -27,249 +27,237 @@ _ORTHOGONAL = 1e-3
 
 
 class _Point(NamedTuple):
-    """Where each of the starts is: all that has a leading axis of starts."""
+    """What is found at a place, of each start."""
 
-    thetas: Float[Array, "starts m"]
-    states: Float[Array, "starts pieces nx"]
     at: Linearization
     cost: Float[Array, " starts"]
     gaps: Float[Array, " starts"]
+
+    @property
+    def costs_and_gaps(self) -> tuple[np.ndarray, np.ndarray]:
+        """In double precision."""
+        return np.asarray(self.cost, float), np.asarray(self.gaps, float)
 
 
 class Search:
     """Steps of all starts, through all lengths of windows.
 
     Attributes:
-        history: of the iterations.
-        sigma: standard deviations of the outputs, (noutput, nv).
+        state: where it is; all else follows from it.
+        has_point: whether there is something to tell of where it is.
     """
 
     def __init__(
-        self, parameterization: Parameterization, thetas: jax.Array, data: Recorded, progress: Callable[[Iteration], None] | None
+        self,
+        parameterization: Parameterization,
+        thetas: jax.Array,
+        data: Recorded,
+        progress: Callable[[Iteration], None] | None,
+        checkpoint: Checkpoint,
     ) -> None:
-        self.parameterization, self.data, self.progress = parameterization, data, progress
-        self.thetas, self.sigma, self.history = thetas, data.sigma, []
-        # States at all samples, from which the pieces of the next windows start.
-        self.samples = np.repeat(data.states[None], len(thetas), 0)
-        self.ends: list[tuple[bool, str]] = [(False, "not begun")] * len(thetas)
+        self.parameterization, self.data, self.progress, self.checkpoint = parameterization, data, progress, checkpoint
+        self.state = checkpoint.restored(first_state(thetas, data.states, data.sigma))
+        self.has_point = False
 
-    def run(self, shooting: Shooting, window: float | None, max_iterations: int, is_last: bool) -> None:
+    def run(self, number: int, shooting: Shooting, window: float | None, max_iterations: int, is_last: bool) -> None:
         """Go on with windows of this length until every start has come to an end, and to standard deviations that stay.
 
-        Unless it is the last length, an end is where little would change.
+        Unless it is the last length, an end is where little would change. Those that were gone through before are passed over.
         """
-        self.is_last, index = is_last, np.asarray(shooting.pieces.index)
-        self.has_gaps = bool(np.any(np.asarray(shooting.pieces.joined)))
-        self.tightness = np.full(len(self.thetas), _LOOSE)
-        states = jnp.asarray(self.samples[:, index[:, 0]], self.thetas.dtype)
-        left, settled, ended = max_iterations, None, False
+        if self.state.window > number:
+            return
+        self.is_last, self.has_gaps = is_last, bool(np.any(np.asarray(shooting.pieces.joined)))
+        begun = self.state if self.state.window == number else self._in_window(number, shooting)
+        # An interrupt finds all or none of the new ones.
+        self.state, self.point, self.shooting = begun, _point(shooting, *on_device(begun.place)), shooting
+        self.has_point = True
         try:
-            for _ in range(_SIGMA_ROUNDS):
-                # An interrupt finds both or neither of the new ones.
-                self.point, self.shooting = self._point(shooting, self.thetas, states, self.tightness), shooting
-                ended = False
-                left = self._descend(window, left)
-                ended = self.ends[self.best][0]
-                self._keep()
-                if ended:
-                    settled = self.point, self.thetas, self.tightness, self.sigma
-                if not self._estimate_sigma() or left <= 0:
-                    break
-                states = self.point.states
-                if shooting.robust:
-                    # Other residuals are far out now, and the fit moves, which tight gaps would make a long way.
-                    self.tightness = np.full(len(self.thetas), _LOOSE)
+            self._descend(window, max_iterations)
+            while (following := self._next_round(max_iterations)) is not None:
+                self.state, self.point = following, _point(shooting, *on_device(following.place))
+                self._descend(window, max_iterations)
         finally:
             # What has open gaps yet, as after an interrupt, is no motion; that of the deviations before is.
-            if shooting.robust and settled is not None and not ended:
-                self.point, self.thetas, self.tightness, self.sigma = settled
+            state = self.state
+            if shooting.robust and state.has_settled and not state.converged[self.best]:
+                self.state, self.point = state._replace(place=state.settled), _point(shooting, *on_device(state.settled))
 
-    def _point(self, shooting: Shooting, thetas: jax.Array, states: jax.Array, tightness: np.ndarray) -> _Point:
-        return _point(shooting, thetas, states, self.sigma, jnp.asarray(tightness, thetas.dtype))
+    def _in_window(self, number: int, shooting: Shooting) -> State:
+        """At the beginning of windows of the next length."""
+        state, first = self.state, np.asarray(shooting.pieces.index)[:, 0]
+        states = jnp.asarray(state.samples[:, first], state.place.thetas.dtype)
+        place = state.place._replace(states=states, tightness=np.full(len(states), LOOSE))
+        samples = state.samples[:, :0] if self.is_last else state.samples
+        return in_round(state._replace(window=number, round=0, used=0, has_settled=False, samples=samples), place)
 
-    def _descend(self, window: float | None, left: int) -> int:
-        """Take steps until every start has come to an end; how many iterations are left."""
-        count = len(self.thetas)
-        costs, gaps = np.asarray(self.point.cost, float), np.asarray(self.point.gaps, float)
-        dampings, factors, failures = np.full(count, FIRST_DAMPING), np.full(count, _TIGHTEN), np.zeros(count, int)
-        ends = [None if np.isfinite(costs[i] + gaps[i]) else (False, _NOTHING) for i in range(count)]
+    def _next_round(self, max_iterations: int) -> State | None:
+        """At the beginning of a round with other standard deviations, or None if there is none."""
+        state = self._with_samples(self.state)
+        if state.converged[self.best]:
+            state = state._replace(settled=state.place, has_settled=True)
+        sigma = self._sigma()
+        is_other = sigma is not None
+        self.state = state = state._replace(place=state.place._replace(sigma=sigma)) if is_other else state
+        if not is_other or state.used >= max_iterations or state.round + 1 == _SIGMA_ROUNDS:
+            return None
+        place = state.place
+        if self.shooting.robust:
+            # Other residuals are far out now, and the fit moves, which tight gaps would make a long way.
+            place = place._replace(tightness=np.full(len(place.thetas), LOOSE))
+        return in_round(state._replace(round=state.round + 1), place)
+
+    def _descend(self, window: float | None, max_iterations: int) -> None:
+        """Take steps until every start has come to an end."""
         while True:
-            point = self.point
-            step = _proposals(self.parameterization, point.thetas, point.states, point.at, jnp.asarray(dampings, self.thetas.dtype))
-            promised = np.asarray(step.promised, float)
-            self._look(costs, gaps, dampings, promised, np.asarray(step.slope), ends)
-            if left <= 0 or all(ends):
+            place, point = self.state.place, self.point
+            dampings = jnp.asarray(self.state.dampings, place.thetas.dtype)
+            step = _proposals(self.parameterization, place.thetas, place.states, point.at, dampings)
+            self.state = self._with_ends(np.asarray(step.promised, float), np.asarray(step.slope))
+            if self.state.used >= max_iterations or self.state.is_over.all():
                 break
-            left -= 1
-            # What is judged by the tightness of now is linearised with that of the next step.
-            weights, tighter = self.tightness**2, self._tighter(costs, gaps, factors)
-            new = self._point(self.shooting, step.theta, step.starts, tighter)
-            taken = np.zeros(count, bool)
-            for i in np.flatnonzero([end is None for end in ends]):
-                after = float(new.cost[i]) + weights[i] * float(new.gaps[i])
-                reached = costs[i] + weights[i] * gaps[i] - after
-                taken[i], dampings[i] = next_damping(dampings[i], reached, promised[i], int(failures[i]))
-            failures = np.where(taken, 0, failures + 1)
-            self.point = _chosen(taken, new, point)
-            self.thetas, self.tightness = self.point.thetas, np.where(taken, tighter, self.tightness)
-            costs, gaps = np.asarray(self.point.cost, float), np.asarray(self.point.gaps, float)
-            self._loosen((failures > 1) & np.array([end is None for end in ends]), factors)
-            self._tell(window, costs, gaps, dampings, taken)
-        self.ends = [end or (False, "did not come to an end in the iterations that were allowed") for end in ends]
-        return left
+            self._iterate(step, window)
+        left = np.flatnonzero(~self.state.is_over).tolist()
+        unfinished = (False, "did not come to an end in the iterations that were allowed")
+        self.state = with_ends(self.state, dict.fromkeys(left, unfinished))
 
-    def _tighter(self, costs: np.ndarray, gaps: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    def _iterate(self, step: Proposal, window: float | None) -> None:
+        """Take the step, for the starts where it lowers the cost as it should."""
+        state, (costs, gaps) = self.state, self.point.costs_and_gaps
+        # What is judged by the tightness of now is linearised with that of the next step.
+        place, weights = state.place, state.place.tightness**2
+        tried = Place(step.theta, step.starts, self._tighter(costs, gaps), place.sigma)
+        new = _point(self.shooting, *on_device(tried))
+        new_costs, new_gaps = new.costs_and_gaps
+        taken, dampings, promised = np.zeros(len(costs), bool), state.dampings.copy(), np.asarray(step.promised, float)
+        for i in np.flatnonzero(~state.is_over):
+            reached = costs[i] + weights[i] * gaps[i] - (new_costs[i] + weights[i] * new_gaps[i])
+            taken[i], dampings[i] = next_damping(dampings[i], reached, promised[i], int(state.failures[i]))
+        point = _chosen(taken, new, self.point)
+        thetas, states = _chosen(taken, (tried.thetas, tried.states), (place.thetas, place.states))
+        place = Place(thetas, states, np.where(taken, tried.tightness, place.tightness), place.sigma)
+        failures = np.where(taken, 0, state.failures + 1)
+        state = state._replace(place=place, used=state.used + 1, dampings=dampings, failures=failures)
+        state = self._with_history(state, point, taken, window)
+        self.state, self.point = self._loosened(state, point)
+        self.checkpoint.keep(self.state)
+        if self.progress is not None:
+            self.progress(self.state.iterations[-1])
+
+    def _tighter(self, costs: np.ndarray, gaps: np.ndarray) -> np.ndarray:
         """The tightness for the next step: more of it, until the gaps do not matter."""
+        tightness = self.state.place.tightness
         if not self.has_gaps:
-            return self.tightness
-        return np.where(self._is_tight(costs, gaps), self.tightness, np.minimum(self.tightness * factors, 1e-2 / self._least_gap))
+            return tightness
+        return np.where(self._is_tight(costs, gaps), tightness, np.minimum(tightness * self.state.factors, 1e-2 / self._least_gap))
 
     @property
     def _least_gap(self) -> float:
         """Gap that rounding errors make."""
-        return 1e3 * float(jnp.finfo(self.thetas.dtype).eps) * float(np.abs(self.data.states).max())
+        return 1e3 * float(jnp.finfo(self.state.place.thetas.dtype).eps) * float(np.abs(self.data.states).max())
 
     def _is_tight(self, costs: np.ndarray, gaps: np.ndarray) -> np.ndarray:
         if not self.has_gaps:
             return np.ones(len(gaps), bool)
-        small = (self.tightness**2 * gaps <= 1e-7 * costs) | (gaps <= self._least_gap**2)
-        return (small & (self.tightness > _LOOSE)) | (self.tightness >= 1e-2 / self._least_gap)
+        tightness = self.state.place.tightness
+        small = (tightness**2 * gaps <= 1e-7 * costs) | (gaps <= self._least_gap**2)
+        return (small & (tightness > LOOSE)) | (tightness >= 1e-2 / self._least_gap)
 
-    def _loosen(self, failed: np.ndarray, factors: np.ndarray) -> None:
+    def _loosened(self, state: State, point: _Point) -> tuple[State, _Point]:
         """Where steps go on failing, go back to gaps that weigh less, and from there on in smaller strides."""
-        failed = failed & (self.tightness > _LOOSE)
-        if self.has_gaps and failed.any():
-            self.tightness = np.where(failed, np.maximum(self.tightness / factors, _LOOSE), self.tightness)
-            factors[failed] = np.maximum(np.sqrt(factors[failed]), 2.0)
-            self.point = self._point(self.shooting, self.point.thetas, self.point.states, self.tightness)
+        tightness, factors = state.place.tightness, state.factors
+        failed = (state.failures > 1) & ~state.is_over & (tightness > LOOSE)
+        if not self.has_gaps or not failed.any():
+            return state, point
+        place = state.place._replace(tightness=np.where(failed, np.maximum(tightness / factors, LOOSE), tightness))
+        factors = np.where(failed, np.maximum(np.sqrt(factors), 2.0), factors)
+        return state._replace(place=place, factors=factors), _point(self.shooting, *on_device(place))
 
-    def _look(
-        self, costs: np.ndarray, gaps: np.ndarray, dampings: np.ndarray, promised: np.ndarray, slopes: np.ndarray, ends: list
-    ) -> None:
-        """Note which starts are at their end."""
-        eps, rounding = float(jnp.finfo(self.thetas.dtype).eps), self.data.rounding(self.sigma)
+    def _with_ends(self, promised: np.ndarray, slopes: np.ndarray) -> State:
+        """The state, with starts that are at their end."""
+        state, (costs, gaps) = self.state, self.point.costs_and_gaps
+        sigma, tightness = state.place.sigma, state.place.tightness
+        eps, rounding = float(jnp.finfo(state.place.thetas.dtype).eps), self.data.rounding(sigma)
         tolerance = max(_ENOUGH, 1e2 * eps) if self.is_last else _LITTLE
-        tight, values = self._is_tight(costs, gaps), costs + self.tightness**2 * gaps
-        noise = (self.tightness * self._least_gap) ** 2 if self.has_gaps else np.zeros(len(costs))
-        for i in np.flatnonzero([end is None for end in ends]):
-            if tight[i] and values[i] <= rounding:
+        tight, values = self._is_tight(costs, gaps), costs + tightness**2 * gaps
+        noise = (tightness * self._least_gap) ** 2 if self.has_gaps else np.zeros(len(costs))
+        ends = {}
+        for i in np.flatnonzero(~state.is_over).tolist():
+            if not np.isfinite(costs[i] + gaps[i]):
+                ends[i] = (False, _NOTHING)
+            elif tight[i] and values[i] <= rounding:
                 ends[i] = (True, "the residuals are rounding errors")
-            elif tight[i] and dampings[i] <= 1.0 and promised[i] <= tolerance * values[i] + noise[i]:
+            elif tight[i] and state.dampings[i] <= 1.0 and promised[i] <= tolerance * values[i] + noise[i]:
                 ends[i] = (True, f"no step lowers the cost by more than a fraction of {tolerance:.0e}")
             elif not np.isfinite(promised[i]):
                 ends[i] = (False, "the sensitivities of the simulation are not finite")
-            elif dampings[i] > MOST_DAMPING:
+            elif state.dampings[i] > MOST_DAMPING:
                 ends[i] = (bool(tight[i] and slopes[i] < _ORTHOGONAL), "no step lowers the cost any more")
+        return with_ends(state, ends)
 
-    def _tell(self, window: float | None, costs: np.ndarray, gaps: np.ndarray, dampings: np.ndarray, taken: np.ndarray) -> None:
+    def _with_history(self, state: State, point: _Point, taken: np.ndarray, window: float | None) -> State:
+        costs, gaps = point.costs_and_gaps
         best = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
-        where = float(costs[best]), float(np.sqrt(gaps[best])), float(dampings[best]), bool(taken[best])
-        self.history.append(Iteration(window, len(self.history) + 1, *where))
-        if self.progress is not None:
-            self.progress(self.history[-1])
+        number = len(state.history) + 1
+        row = [np.nan if window is None else window, number, costs[best], np.sqrt(gaps[best]), state.dampings[best], taken[best]]
+        return state._replace(history=np.concatenate((state.history, np.array(row, float)[None])))
 
-    def _keep(self) -> None:
-        """Keep the states at all samples for other windows."""
+    def _with_samples(self, state: State) -> State:
+        """The state, with states at all samples for other windows."""
+        if self.is_last:
+            return state
         inside, index = np.asarray(self.shooting.inside), np.asarray(self.shooting.pieces.index)[:, :-1]
-        states = np.asarray(self.point.at.states)
-        finite = np.isfinite(states).all((1, 2, 3))
-        for i in np.flatnonzero(finite):
-            self.samples[i, index[inside]] = states[i][inside]
+        states, samples = np.asarray(self.point.at.states), state.samples.copy()
+        for i in np.flatnonzero(np.isfinite(states).all((1, 2, 3))):
+            samples[i, index[inside]] = states[i][inside]
+        return state._replace(samples=samples)
 
     @property
     def best(self) -> int:
         """The start with the least cost, of those that converged if there are such."""
         costs = np.asarray(self.point.cost, float)
-        order = [(not end[0], value if np.isfinite(value) else np.inf) for end, value in zip(self.ends, costs, strict=True)]
-        return min(range(len(order)), key=order.__getitem__)
+        costs = np.where(np.isfinite(costs), costs, np.inf)
+        return int(np.lexsort((costs, ~self.state.converged))[0])
 
-    def _sizes(self) -> np.ndarray:
-        """Standard deviations of each output's errors at the best start."""
-        count = self.data.count
-        left = np.maximum(count * self._share_left(), 1.0)
-        if not self.shooting.robust:
-            return np.sqrt(np.asarray(self.point.at.squares[self.best], float) / left)
-        sizes = np.where(self._counting(), np.asarray(self.point.at.sizes[self.best], float), np.nan)
-        missing = np.isnan(sizes).all((0, 1))
-        median = 1.4826 * np.nanmedian(np.where(missing, 0.0, sizes), (0, 1))
-        return np.asarray(self.sigma, float) * median * np.sqrt(count / left)
+    def _of_best(self) -> Best:
+        best, place = self.best, self.state.place
+        at: Linearization = jax.tree.map(lambda x: x[best], self.point.at)
+        return Best(self.shooting, self.data, place.sigma, place.thetas[best], at)
 
-    def _share_left(self) -> float:
-        """Of the residuals' freedom, what the fit has not taken up."""
-        return 1.0 - self._fitted() / max(int(self.data.count.sum()), 1)
-
-    def _counting(self) -> np.ndarray:
-        """Which residuals of the pieces count."""
-        index = np.asarray(self.shooting.pieces.index)[:, :-1]
-        weight = np.where(np.asarray(self.shooting.inside)[..., None], np.asarray(self.shooting.measured.weight)[index], 0.0)
-        return np.broadcast_to((weight > 0)[:, :, None], (*index.shape, *self.sigma.shape))
-
-    def _precision(self) -> float:
-        """What a robust fit's factor has to be multiplied by to be that of its covariance (Huber 1964); 1 for others."""
-        if not self.shooting.robust:
-            return 1.0
-        sizes = np.asarray(self.point.at.sizes[self.best], float)[self._counting()]
-        spread = float(np.mean(np.minimum(sizes, HUBER) ** 2)) / max(self._share_left(), 1e-3)
-        weight = float(np.mean(HUBER / np.maximum(sizes, HUBER)))
-        return float(np.mean(sizes < HUBER)) / np.sqrt(spread * weight) if spread > 0 else 1.0
-
-    def _estimate_sigma(self) -> bool:
-        """Standard deviations from the residuals, for outputs whose is not given; whether one has changed."""
-        count = self.data.count
-        found = np.maximum(self._sizes(), 100.0 * self.data.least)
-        old = np.asarray(self.sigma, float)
-        new = np.where(self.data.is_given | ~np.isfinite(found) | (count == 0), old, found)
-        if np.all(np.abs(new / old - 1.0) < _SIGMA_CHANGE):
-            return False
-        self.sigma = jnp.asarray(new, self.sigma.dtype)
-        return True
-
-    def _fitted(self) -> int:
-        """Number of unknowns that were fitted to the data."""
-        pieces = self.shooting.pieces
-        sought = ~np.append(False, np.asarray(pieces.joined)[:-1]) & ~np.asarray(self.shooting.given)
-        return self.thetas.shape[1] + int(np.sum(sought)) * self.point.states.shape[-1]
+    def _sigma(self) -> jax.Array | None:
+        """Standard deviations from the residuals, for outputs whose is not given; None if none has changed."""
+        sigma = self.state.place.sigma
+        found, old = np.maximum(self._of_best().sizes, 100.0 * self.data.least), np.asarray(sigma, float)
+        new = np.where(self.data.is_given | ~np.isfinite(found) | (self.data.count == 0), old, found)
+        return None if np.all(np.abs(new / old - 1.0) < _SIGMA_CHANGE) else jnp.asarray(new, sigma.dtype)
 
     def fit(self, interrupted: bool = False) -> SimulationFit:
         """What was found until now."""
-        best, data = self.best, self.data
-        at: Linearization = jax.tree.map(lambda x: x[best], self.point.at)
-        converged, message = (False, "interrupted") if interrupted else self.ends[best]
+        best, number, data, sigma, history = self._of_best(), self.best, self.data, self.state.place.sigma, self.state.iterations
+        converged, message = bool(self.state.converged[number]), str(self.state.reasons[number])
+        if interrupted:
+            converged, message = False, "interrupted"
         costs = np.where(np.isfinite(np.asarray(self.point.cost)), np.asarray(self.point.cost, float), np.inf)
-        agreeing = int(np.sum(costs <= costs[best] * (1 + 1e-6) + data.rounding(self.sigma))), len(costs)
+        agreeing = int(np.sum(costs <= costs[number] * (1 + 1e-6) + data.rounding(sigma))), len(costs)
         if len(costs) > 1:
             message += f"; {agreeing[0]} of {agreeing[1]} starts agree"
-        theta = self.point.thetas[best]
-        sizes = np.sqrt(np.asarray(at.squares, float) / np.maximum(data.count, 1))
+        sizes = np.sqrt(np.asarray(best.at.squares, float) / np.maximum(data.count, 1))
         names = self.shooting.outputs
         return SimulationFit(
-            theta=theta,
-            phi=self.parameterization.phi(theta),
+            theta=best.theta,
+            phi=self.parameterization.phi(best.theta),
             converged=converged,
             message=message,
-            iterations=len(self.history),
-            cost=float(costs[best]),
-            history=tuple(self.history),
-            factor=at.factor * self._precision(),
-            count=int(data.count.sum()) - (self._fitted() - len(theta)),
-            sigma=dict(zip(names, np.asarray(self.sigma, float), strict=True)),
+            iterations=len(history),
+            cost=float(costs[number]),
+            history=history,
+            factor=best.at.factor * best.precision,
+            count=int(data.count.sum()) - (best.fitted - len(best.theta)),
+            sigma=dict(zip(names, np.asarray(sigma, float), strict=True)),
             rms=dict(zip(names, sizes, strict=True)),
-            predicted=self._predictions(at),
+            predicted=best.predictions(self.parameterization),
             starts=costs,
             agreeing=agreeing,
         )
-
-    def _predictions(self, at: Linearization) -> tuple[Prediction, ...]:
-        inside, index = np.asarray(self.shooting.inside), np.asarray(self.shooting.pieces.index)[:, :-1]
-        states, outputs = np.empty(self.data.states.shape), np.empty((len(self.data.states), *self.sigma.shape))
-        states[index[inside]], outputs[index[inside]] = np.asarray(at.states)[inside], np.asarray(at.predicted)[inside]
-        names, nq, found, first = self.shooting.outputs, self.parameterization.tree.nq, [], 0
-        for ts in self.data.times:
-            here = slice(first, first + len(ts))
-            first += len(ts)
-            effort = outputs[here, names.index("effort")] if "effort" in names else None
-            found.append(Prediction(ts, states[here, :nq], states[here, nq:], effort))
-        return tuple(found)
 
 
 _NOTHING = "the simulation from the start comes to nothing; start with short windows, such as windows=(0.1, None)"
@@ -279,7 +267,7 @@ _NOTHING = "the simulation from the start comes to nothing; start with short win
 def _point(shooting: Shooting, thetas: jax.Array, states: jax.Array, sigma: jax.Array, tightness: jax.Array) -> _Point:
     def one(theta: jax.Array, states: jax.Array, tightness: jax.Array) -> _Point:
         at = linearized(shooting, shooting.parameterization.phi(theta), states, sigma, tightness)
-        return _Point(theta, states, at, *cost(shooting.parameterization, theta, at))
+        return _Point(at, *cost(shooting.parameterization, theta, at))
 
     return jax.vmap(one)(thetas, states, tightness)
 
@@ -291,8 +279,8 @@ def _proposals(
     return jax.vmap(proposal, (None, 0, 0, 0, 0))(parameterization, thetas, states, at, dampings)
 
 
-def _chosen(taken: np.ndarray, new: _Point, old: _Point) -> _Point:
-    """The new point for the starts whose step was taken."""
+def _chosen[T](taken: np.ndarray, new: T, old: T) -> T:
+    """The new one for the starts whose step was taken."""
     if taken.all():
         return new
     if not taken.any():

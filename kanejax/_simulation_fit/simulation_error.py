@@ -6,6 +6,7 @@ long windows are simulated in pieces, and levenberg_marquardt for the steps.
 """
 
 import functools
+import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -15,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from kanejax._checkpoint import INTERVAL, Checkpoint, opened
 from kanejax._errors import UnsupportedModelError
 from kanejax._logs.motion import Motion
 from kanejax._parameters.parameterization import Parameterization
@@ -49,6 +51,8 @@ def fit_simulation(
     robust: bool = False,
     max_iterations: int = 50,
     progress: Callable[[Iteration], None] | None = None,
+    checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
+    checkpoint_interval: float = INTERVAL,
 ) -> SimulationFit:
     """Fit all that is sought so that simulated motion is measured motion.
 
@@ -74,6 +78,9 @@ def fit_simulation(
         robust: let residuals far out count less, by Huber's function (Huber 1964), also where standard deviations are estimated.
         max_iterations: for each length of the windows.
         progress: called after every iteration.
+        checkpoint: path of a file in which the search is kept, so that the same call goes on where it was after Ctrl-C or a crash,
+            and ends with the same numbers. It stays at the end, where the same call finds what was found; remove it then.
+        checkpoint_interval: time between two writings of the file [s]; it is written at the end in any case.
 
     Returns:
         The best fit of all starts, and whether it converged.
@@ -81,6 +88,7 @@ def fit_simulation(
     Raises:
         ValueError: an argument has a wrong shape or value.
         UnsupportedModelError: a joint has other speeds than rates of its coordinates.
+        CheckpointError: the checkpoint belongs to other inputs, is none, or cannot be written; remove it, or give another path.
         FitInterrupted: on Ctrl-C, with the best fit until then.
     """
     check_positive(substeps=substeps, max_iterations=max_iterations, piece=piece)
@@ -102,14 +110,16 @@ def fit_simulation(
         robust=robust,
         **_what_counts(parameterization),
     )
-    search = Search(parameterization, thetas, data, progress)
-    try:
-        with one_thread():
-            _run_stages(search, simulated, data, windows, piece, initial_state, max_iterations)
-    except KeyboardInterrupt as error:
-        if not search.history:
-            raise
-        raise FitInterrupted(search.fit(interrupted=True)) from error
+    inputs = (simulated.keywords, thetas, data, windows, piece, initial_state, max_iterations)
+    with opened(checkpoint, checkpoint_interval, "fit_simulation", *inputs) as kept:
+        search = Search(parameterization, thetas, data, progress, kept)
+        try:
+            with one_thread():
+                _run_stages(search, simulated, data, windows, piece, initial_state, max_iterations)
+        except KeyboardInterrupt as error:
+            if not search.has_point or not len(search.state.history):
+                raise
+            raise FitInterrupted(search.fit(interrupted=True)) from error
     return search.fit()
 
 
@@ -123,12 +133,12 @@ def _run_stages(
     max_iterations: int,
 ) -> None:
     """One length of the windows after the other."""
-    for stage, window in enumerate(windows, 1):
+    for number, window in enumerate(windows):
         pieces = cut(data.times, window, piece)
         given = jnp.asarray(pieces.opening & (initial_state == "given"))
-        on_device = jax.tree.map(jnp.asarray, pieces._replace(ts=pieces.ts.astype(search.thetas.dtype)))
+        on_device = jax.tree.map(jnp.asarray, pieces._replace(ts=pieces.ts.astype(data.sigma.dtype)))
         shooting = simulated(pieces=on_device, inside=jnp.asarray(pieces.counts), given=given)
-        search.run(shooting, window, max_iterations, is_last=stage == len(windows))
+        search.run(number, shooting, window, max_iterations, is_last=number + 1 == len(windows))
 
 
 def _check(

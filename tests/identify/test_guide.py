@@ -53,6 +53,11 @@ def test_options_are_taken(names):
     assert names["design"].feasible
 
 
+def test_what_is_kept_is_there(names, folder):
+    assert (folder / "fit.npz").is_file()
+    np.testing.assert_array_equal(names["kept"].phi, names["found"].phi)
+
+
 def test_the_command(names, folder, monkeypatch):
     monkeypatch.chdir(folder)
     (configuration,) = blocks("toml")

@@ -1,6 +1,7 @@
 """Identification in one call: what it finds, what it says of it, and what it refuses."""
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import pytest
 from helpers.robot_logs import OFFSETS, arm, efforts, motion_of_arm, recorded_arm
 
 import kanejax as kj
+from kanejax._checkpoint import CheckpointError
 
 # Where the number of links is not the matter: fewer of them compile faster.
 TWO_LINKS = """<mujoco><worldbody><body name="upper"><joint name="shoulder" axis="0 1 0"/>
@@ -176,21 +178,17 @@ def test_a_payload_is_found_with_the_arm_known():
     same_forces(found.model, loaded, 1e-6)
 
 
-def test_stages_that_were_finished_are_not_fitted_again():
-    motion, seen, told = recorded(0.02), {}, []
-    first = kj.identify(
-        nominal(),
-        [motion],
-        friction_width=None,
-        finished=lambda stage, theta: seen.update({stage.name: (stage, theta)}),
-        progress=lambda stage, _: told.append(stage),
-    )
-    assert list(seen) == ["inverse dynamics"]
+def test_stages_that_were_finished_are_not_fitted_again(tmp_path):
+    motion, told, path = recorded(0.02), [], tmp_path / "fit.npz"
+    options: dict[str, Any] = {"friction_width": None, "checkpoint": path, "progress": lambda stage, _: told.append(stage)}
+    first = kj.identify(nominal(), [motion], **options)
     assert set(told) == {"inverse dynamics"}
     told.clear()
-    again = kj.identify(nominal(), [motion], friction_width=None, resume=seen, progress=lambda stage, _: told.append(stage))
+    again = kj.identify(nominal(), [motion], **options)
     assert not told
-    np.testing.assert_allclose(again.phi, first.phi)
+    np.testing.assert_array_equal(again.phi, first.phi)
+    with pytest.raises(CheckpointError, match=r"fit\.npz belongs to other inputs; remove it to begin anew, or give another path"):
+        kj.identify(nominal(), [motion], **{**options, "seed": 1})
 
 
 def test_simulation_goes_on_from_inverse_dynamics():

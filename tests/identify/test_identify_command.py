@@ -1,6 +1,7 @@
 """The command `kanejax identify`: files, exit codes, what it keeps, and what it refuses."""
 
 import json
+import re
 from types import SimpleNamespace
 
 import jax
@@ -11,11 +12,10 @@ from typer.testing import CliRunner
 
 import kanejax as kj
 from kanejax import cli
+from kanejax._cli import stages
 from kanejax._cli.inputs import read_inputs
-from kanejax._cli.kept import KeptStages
 from kanejax._cli.terminal import BAD_INPUT, FAILED, INTERRUPTED
 from kanejax._identify import identify as module
-from kanejax._identify.result import Stage
 from kanejax._simulation_fit.simulation_fit import SimulationFit
 
 ARM = """<robot name="arm"><!-- kept --><link name="base"/>
@@ -84,11 +84,18 @@ def first(folder):
 
 
 @pytest.fixture
-def counted(first, monkeypatch):
-    """How often the stage "inverse dynamics" was fitted."""
-    fit, calls = module.fit_inverse_dynamics, []
-    monkeypatch.setattr(module, "fit_inverse_dynamics", lambda *args, **options: calls.append(1) or fit(*args, **options))
-    return calls
+def cut(monkeypatch):
+    """Ctrl-C after a round of a stage, told by its name and number."""
+    show, left = stages.StageTable.round, []
+
+    def shown(self, stage, step):
+        show(self, stage, step)
+        if left and left[0] == (stage, self._rows[stage]["rounds"]):
+            left.clear()
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(stages.StageTable, "round", shown)
+    return lambda stage, number: left.append((stage, number))
 
 
 def again(folder, *arguments, **options):
@@ -100,7 +107,7 @@ def test_first_run(folder, first):
     for text in ("shoulder", "held-out runs", "ok: ", "converged", "written: ", "identified.urdf"):
         assert text in first.stdout
     names = {path.name for path in (folder / "out").iterdir()}
-    files = {"report.html", "identification.json", "identified.urdf", "identified.xml", "predictions.npz", "run.log", "stages.npz"}
+    files = {"report.html", "identification.json", "identified.urdf", "identified.xml", "predictions.npz", "run.log"}
     assert names == files
     assert "The &lt;arm&gt;" in (folder / "out/report.html").read_text()
     lines = (folder / "out/run.log").read_text()
@@ -136,81 +143,67 @@ def test_models_of_the_first_run(folder, first):
     assert str(series["validation_0_name"]) == "b"
 
 
-def test_finished_stages_are_not_repeated(folder, counted):
-    before = json.loads((folder / "out/identification.json").read_text())
-    result = again(folder, "--json")
-    assert result.exit_code == 0, result.output
-    assert counted == []
-    after = json.loads(result.stdout)
-    assert after["parameters"] == before["parameters"]
-    assert after == json.loads((folder / "out/identification.json").read_text())
-    assert "inverse dynamics: kept from before" in (folder / "out/run.log").read_text()
-    result = again(folder, "--fresh")
-    assert result.exit_code == 0, result.output
-    assert counted == [1]
+def test_interruption_keeps_every_round(folder, first, cut):
+    both = CONFIGURATION.replace("seed = 1", 'seed = 1\nstages = ["inverse dynamics", "simulation"]')
+    (folder / "both.toml").write_text(both + "[simulation]\nwindows = [0.5]\nmax_iterations = 8\n")
+    whole = again(folder, "--json", config="both.toml", out="whole")
+    for stage, number in (("inverse dynamics", 1), ("simulation", 2)):
+        cut(stage, number)
+        result = again(folder, "--resume", config="both.toml", out="cut")
+        assert result.exit_code == INTERRUPTED
+        assert "what is done is kept; --resume goes on from there" in " ".join(result.stderr.split())
+        assert not (folder / "cut/identification.json").exists()
+    result = again(folder, "--resume", "--json", config="both.toml", out="cut")
+    assert result.exit_code == whole.exit_code, result.output
+    assert without_time(result.stdout) == without_time(whole.stdout)
+    lines = (folder / "cut/run.log").read_text()
+    assert lines.count("interrupted; what is done is kept") == 2
+    assert lines.count("going on with ") == 2
+    # The last process sees nothing of the first stage, and the rest of the second.
+    log = (folder / "whole/run.log").read_text()
+    assert "inverse dynamics: kept from before" in lines
+    assert lines.count("simulation: round ") == log.count("simulation: round ")
+    assert not (folder / "cut/unfinished.npz").exists()
 
 
-def test_stages_of_other_inputs_are_not_used(folder, counted):
+def without_time(text):
+    return json.loads(text) | {"seconds": 0}
+
+
+def test_unfinished_work_is_neither_lost_nor_gone_on_with_by_accident(folder, first, cut):
     (folder / "other.toml").write_text(CONFIGURATION.replace("elbow = 2.0", "elbow = 2.1"))
-    assert run(folder, out="stale").exit_code == 0
-    result = run(folder, out="stale", config="other.toml")
-    assert "stages.npz belongs to other inputs and is not used" in " ".join(result.stderr.split())
-    assert counted == [1, 1]
+    cut("inverse dynamics", 1)
+    assert run(folder, out="held").exit_code == INTERRUPTED
+    for config, flags, message in (
+        ("id.toml", (), r"held holds unfinished work of [\d: -]*; --resume goes on with it, --fresh drops it and begins anew"),
+        ("id.toml", ("--resume", "--fresh"), "--resume and --fresh exclude each other; give one"),
+        ("other.toml", ("--resume",), "unfinished.npz belongs to other inputs; --fresh drops it and begins anew"),
+    ):
+        result = run(folder, *flags, out="held", config=config)
+        assert result.exit_code == BAD_INPUT
+        (line,) = result.stderr.splitlines()
+        assert re.search(message, line)
     # What is written, and where to, does not count.
-    (folder / "titled.toml").write_text(CONFIGURATION.replace("elbow = 2.0", "elbow = 2.1") + "report = false\n")
-    assert run(folder, out="stale", config="titled.toml").exit_code == 0
-    assert counted == [1, 1]
+    (folder / "titled.toml").write_text(CONFIGURATION + "report = false\n")
+    assert run(folder, "--resume", out="held", config="titled.toml").exit_code == 0
+    cut("inverse dynamics", 1)
+    assert run(folder, out="held").exit_code == INTERRUPTED
+    assert run(folder, "--fresh", out="held", config="other.toml").exit_code == 0
 
 
-def test_interruption_keeps_what_is_finished(folder, counted, monkeypatch):
+def test_stage_that_does_not_converge(folder, first, monkeypatch):
     (folder / "both.toml").write_text(CONFIGURATION.replace("seed = 1", 'seed = 1\nstages = ["inverse dynamics", "simulation"]'))
 
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(module, "fit_simulation", interrupted)
-    result = again(folder, config="both.toml", out="cut")
-    assert result.exit_code == INTERRUPTED
-    assert "stages that ended are kept (inverse dynamics); the same command goes on from there" in " ".join(result.stderr.split())
-    assert not (folder / "cut/identification.json").exists()
-    assert counted == [1]
-
-    def diverged(sought, motions, *, starts, robust, progress):
+    def diverged(sought, motions, *, starts, robust, progress, checkpoint):
         progress(SimpleNamespace(cost=1.0))
         ones, factor = {"q": np.ones(2)}, jnp.eye(len(sought.phi0) + 1)
         end = (False, "out of patience", 1, 1.0, (), factor, 1, ones, ones, (), np.ones(1), (1, 1))
         return SimulationFit(starts[0], sought.phi(starts[0]), *end)
 
     monkeypatch.setattr(module, "fit_simulation", diverged)
-    for _ in range(2):
-        # A stage that did not converge is tried again.
-        result = again(folder, config="both.toml", out="cut")
-        assert result.exit_code == FAILED
-        assert "BAD: Stage 'simulation' did not converge: out of patience." in result.stdout
-    assert counted == [1]
-    lines = (folder / "cut/run.log").read_text()
-    assert lines.count("simulation: round 1, cost 1\n") == 2
-    assert "interrupted; stages that ended: inverse dynamics" in lines
-
-
-def test_kept_stages_depend_on_those_before(tmp_path):
-    path = tmp_path / "stages.npz"
-    kept = KeptStages(path, "abc", ("one", "two"))
-    one, two = (Stage(name, True, "well", 3, 1.0, np.array([1.0, np.nan])) for name in ("one", "two"))
-    kept.keep(one, np.ones(2))
-    kept.keep(two, np.zeros(2))
-    read, theta = KeptStages(path, "abc", ("one", "two")).resumable["one"]
-    np.testing.assert_array_equal(theta, np.ones(2))
-    np.testing.assert_array_equal(read.rms, one.rms)
-    assert read[:5] == one[:5]
-    assert list(KeptStages(path, "abc", ("one", "two")).resumable) == ["one", "two"]
-    assert list(KeptStages(path, "abc", ("two",)).resumable) == []
-    assert list(KeptStages(path, "abc", ("one", "two"), fresh=True).resumable) == []
-    other = KeptStages(path, "def", ("one",))
-    assert (other.stale, other.resumable) == (True, {})
-    path.write_bytes(b"half a fi")
-    broken = KeptStages(path, "abc", ("one",))
-    assert (broken.stale, broken.resumable) == (True, {})
+    result = again(folder, config="both.toml", out="diverged")
+    assert result.exit_code == FAILED
+    assert "BAD: Stage 'simulation' did not converge: out of patience." in result.stdout
 
 
 def test_example_configuration_works(folder, first):
@@ -240,11 +233,11 @@ def test_fraction_is_held_out(folder):
     assert part.fingerprint != whole.fingerprint
 
 
-def test_only_what_is_asked_for_is_written(folder, counted):
+def test_only_what_is_asked_for_is_written(folder, first):
     (folder / "little.toml").write_text(CONFIGURATION + "urdf = false\nmjcf = false\nreport = false\npredictions = false\n")
     result = run(folder, config="little.toml", out="little")
     assert result.exit_code == 0, result.output
-    assert {path.name for path in (folder / "little").iterdir()} == {"identification.json", "run.log", "stages.npz"}
+    assert {path.name for path in (folder / "little").iterdir()} == {"identification.json", "run.log"}
     record = json.loads((folder / "little/identification.json").read_text())
     assert [run["use"] for run in record["runs"]] == ["training"]
 
@@ -293,17 +286,17 @@ def test_missing_files(folder):
     assert run(folder, out="file").exit_code == BAD_INPUT
 
 
-def test_packages_of_the_report_are_looked_for_first(folder, counted, monkeypatch):
+def test_packages_of_the_report_are_looked_for_first(folder, first, monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "jinja2", None)
     result = run(folder, out="bare")
     assert result.exit_code == BAD_INPUT
     assert "pip install 'kanejax[report]'; or say report = false in [output]" in " ".join(result.stderr.split())
-    assert counted == []
+    assert not (folder / "bare").exists()
 
 
-def test_what_a_file_format_cannot_say_is_told(folder, counted, monkeypatch):
+def test_what_a_file_format_cannot_say_is_told(folder, first, monkeypatch):
     from kanejax._cli import results
 
     def refuses(model):

@@ -9,6 +9,7 @@ import pytest
 from helpers.mechanisms import random_tree
 
 import kanejax as kj
+from kanejax._checkpoint import CheckpointError
 from kanejax._errors import UnknownNameError, UnsupportedModelError
 from kanejax._logs.motion import Motion
 from kanejax._model.prepared import prepare
@@ -214,19 +215,28 @@ def test_many_starts_and_one_that_comes_to_nothing(arm):
     assert "comes to nothing" in alone.message
 
 
-def test_interruption_keeps_the_best(arm, noisy):
+def test_interruption_keeps_the_best_and_goes_on(arm, noisy, tmp_path):
     def interrupt(step):
         if step.iteration == 6:
             raise KeyboardInterrupt
 
+    path, motion = tmp_path / "fit.npz", moved(arm, SIGMA)
     with pytest.raises(FitInterrupted, match="interrupted after 6 iterations") as caught:
-        fit_simulation(sought(arm), [moved(arm, SIGMA)], substeps=4, progress=interrupt)
+        fit_simulation(sought(arm), [motion], substeps=4, progress=interrupt, checkpoint=path)
     fit = caught.value.fit
     assert not fit.converged
     assert fit.message == "interrupted"
     assert len(fit.history) == 6
     assert np.isfinite(fit.cost)
     assert np.all(np.abs(fit.phi / noisy.phi - 1) < np.abs(1.3 * arm.mass / noisy.phi - 1))
+    whole, seen = fit_simulation(sought(arm), [motion], substeps=4), []
+    rest = fit_simulation(sought(arm), [motion], substeps=4, progress=seen.append, checkpoint=path)
+    assert [step.iteration for step in seen] == list(range(7, whole.iterations + 1))
+    assert rest.history == whole.history
+    np.testing.assert_array_equal(rest.theta, whole.theta)
+    np.testing.assert_array_equal(rest.factor, whole.factor)
+    with pytest.raises(CheckpointError, match=r"fit\.npz belongs to other inputs"):
+        fit_simulation(sought(arm), [motion], substeps=5, checkpoint=path)
 
 
 def test_iterations_that_do_not_suffice(arm):

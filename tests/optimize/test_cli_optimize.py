@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 import kanejax as kj
 from kanejax import cli
 from kanejax._cli import optimize_progress
-from kanejax._cli.optimize_kept import KeptSearch
 from kanejax._cli.terminal import BAD_INPUT, FAILED, INTERRUPTED
 from kanejax._identify.report import svg
 
@@ -145,32 +144,40 @@ def test_interrupted_search_goes_on_as_if_it_had_not_been(folder, first, quick, 
     cut(1)
     result = run(folder, quick, out="cut")
     assert result.exit_code == INTERRUPTED
-    assert "10 iterations are kept; the same command goes on from there" in " ".join(result.stderr.split())
-    kept = arrays(folder / "cut/unfinished.npz")
-    assert kept["search.iterations"] == 10
-    assert kept["q"].shape == (11, 2)
+    assert "what is done is kept; --resume goes on from there" in " ".join(result.stderr.split())
+    assert arrays(folder / "cut/unfinished.npz")["guess 0/|iterations"] == 10
     assert not (folder / "cut/motion.json").exists()
     # What is written does not count for what is kept.
-    result = run(folder, quick.replace("replay = false", 'title = "x"\nreplay = false'), out="cut")
+    result = run(folder, quick.replace("replay = false", 'title = "x"\nreplay = false'), "--resume", out="cut")
     assert result.exit_code == 0, result.output
-    assert "going on after 10 iterations" in (folder / "cut/run.log").read_text()
+    log = (folder / "cut/run.log").read_text()
+    assert "going on with " in log
+    assert log.count("iteration 10, ") == 1
     assert {path.name for path in (folder / "cut").iterdir()} == {"motion.json", "motion.npz", "motion.csv", "run.log"}
     whole, resumed = arrays(folder / "out/motion.npz"), arrays(folder / "cut/motion.npz")
     for name, value in whole.items():
         np.testing.assert_array_equal(resumed[name], value, err_msg=name)
 
 
-def test_search_of_other_inputs_is_not_used(folder, quick, cut):
+def test_unfinished_work_is_neither_lost_nor_gone_on_with_by_accident(folder, quick, cut):
     cut(1)
-    assert run(folder, quick, out="stale").exit_code == INTERRUPTED
-    result = run(folder, quick.replace("q = [0.8, -0.6]", "q = [0.8, -0.5]"), out="stale")
-    assert result.exit_code == 0, result.output
-    assert "unfinished.npz belongs to other inputs and is not used" in " ".join(result.stderr.split())
-    assert "going on" not in (folder / "stale/run.log").read_text()
-    cut(1)
-    assert run(folder, quick, out="fresh").exit_code == INTERRUPTED
-    assert run(folder, quick, "--fresh", out="fresh").exit_code == 0
-    assert "going on" not in (folder / "fresh/run.log").read_text()
+    assert run(folder, quick, out="held").exit_code == INTERRUPTED
+    for text, flags, message in (
+        (quick, (), r"held holds unfinished work of [\d: -]*; --resume goes on with it, --fresh drops it and begins anew"),
+        (quick, ("--resume", "--fresh"), "--resume and --fresh exclude each other; give one"),
+        (
+            quick.replace("q = [0.8, -0.6]", "q = [0.8, -0.5]"),
+            ("--resume",),
+            "unfinished.npz belongs to other inputs; --fresh drops it and begins anew, or give another --out",
+        ),
+    ):
+        result = run(folder, text, *flags, out="held")
+        assert result.exit_code == BAD_INPUT
+        (line,) = result.stderr.splitlines()
+        assert re.search(message, line)
+    assert run(folder, quick, "--fresh", out="held").exit_code == 0
+    assert (folder / "held/run.log").read_text().count("iteration 10, ") == 2
+    assert run(folder, quick, "--resume", out="held").exit_code == 0, "there is nothing to go on with"
 
 
 def test_iterations_that_are_used_up_can_be_given_more(folder, first, quick):
@@ -182,7 +189,7 @@ def test_iterations_that_are_used_up_can_be_given_more(folder, first, quick):
     assert record["problem"].startswith("the iterations are used up; ")
     assert record == json.loads((folder / "few/motion.json").read_text())
     assert not arrays(folder / "few/motion.npz")["converged"]
-    assert run(folder, quick, out="few").exit_code == 0
+    assert run(folder, quick, "--resume", out="few").exit_code == 0
     np.testing.assert_array_equal(arrays(folder / "few/motion.npz")["q"], arrays(folder / "out/motion.npz")["q"])
     assert not (folder / "few/unfinished.npz").exists()
 
@@ -199,9 +206,10 @@ def test_best_of_several_guesses(folder, quick, cut):
     # In the middle of the second guess.
     cut(seen.count("guess 1 of 3") + 1)
     assert run(folder, several, out="parts").exit_code == INTERRUPTED
-    result = run(folder, several, "--json", out="parts")
+    result = run(folder, several, "--json", "--resume", out="parts")
     assert result.exit_code == 0, result.output
-    assert "going on after 1 guesses and 10 iterations" in (folder / "parts/run.log").read_text()
+    log = (folder / "parts/run.log").read_text()
+    assert [log.count(f"guess {guess} of 3: iteration 10, ") for guess in (1, 2, 3)] == [1, 1, 1]
     parts = json.loads(result.stdout)
     assert {**parts, "seconds": 0} == {**whole, "seconds": 0}
 
@@ -224,13 +232,13 @@ def test_missing_package_is_told_before_anything_is_computed(folder, example, mo
     assert not (folder / "missing").exists()
 
 
-def test_broken_file_of_a_search_is_not_used(tmp_path):
-    path = tmp_path / "unfinished.npz"
-    path.write_bytes(b"half a fi")
-    kept = KeptSearch(path, "abc")
-    assert (kept.stale, bool(kept)) == (True, False)
-    assert not kept.write()
-    assert path.read_bytes() == b"half a fi"
+def test_broken_file_of_a_search_is_not_used(folder, quick):
+    (folder / "broken").mkdir()
+    (folder / "broken/unfinished.npz").write_bytes(b"half a fi")
+    result = run(folder, quick, "--resume", out="broken")
+    assert result.exit_code == BAD_INPUT
+    assert "unfinished.npz is no checkpoint, or broken; --fresh drops it and begins anew" in " ".join(result.stderr.split())
+    assert (folder / "broken/unfinished.npz").read_bytes() == b"half a fi"
 
 
 def test_task_of_the_guide(folder):

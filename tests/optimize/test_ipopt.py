@@ -69,10 +69,10 @@ def test_same_optimum_as_by_casadi_from_the_same_guess(problem, optimum):
 
 
 @needs_ipopt
-def test_limits_a_place_and_a_free_duration_have_the_same_optimum_and_multipliers(arm):
-    kept = {"interior_point": [], "ipopt": []}
-    own, motion = (kj.optimize(reach(arm), solver=solver, keep=kept[solver].append) for solver in kept)
-    own_search, search = (searches[-1] for searches in kept.values())
+def test_limits_a_place_and_a_free_duration_have_the_same_optimum_and_multipliers(arm, tmp_path):
+    paths = {solver: tmp_path / f"{solver}.npz" for solver in ("interior_point", "ipopt")}
+    own, motion = (kj.optimize(reach(arm), solver=solver, checkpoint=path) for solver, path in paths.items())
+    own_search, search = (np.load(path) for path in paths.values())
     assert bool(motion.converged)
     assert float(motion.errors.greatest) < 1e-7
     assert float(np.abs(motion.u).max()) == pytest.approx(3.0, rel=1e-6)
@@ -81,11 +81,11 @@ def test_limits_a_place_and_a_free_duration_have_the_same_optimum_and_multiplier
     assert float(motion.duration) == pytest.approx(float(own.duration), rel=1e-6)
     for field in ("q", "u", "tau"):
         assert relative(getattr(motion, field), getattr(own, field)) < 1e-4
-    assert relative(search.point.multiplier, own_search.point.multiplier) < 1e-4
-    mine, others = ([each.z[1] - each.z[0] for each in (one.point.stage, one.point.final)] for one in (search, own_search))
-    joined = [np.concatenate([np.ravel(each) for each in pair]) for pair in (mine, others)]
+    assert relative(search["|point.multiplier"], own_search["|point.multiplier"]) < 1e-4
+    mine, others = ([one[f"|point.{part}.z"] for part in ("stage", "final")] for one in (search, own_search))
+    joined = [np.concatenate([np.ravel(each[1] - each[0]) for each in pair]) for pair in (mine, others)]
     assert relative(*joined) < 1e-4
-    assert relative(search.point.final.nu, own_search.point.final.nu) < 1e-4
+    assert relative(search["|point.final.nu"], own_search["|point.final.nu"]) < 1e-4
 
 
 @needs_ipopt
@@ -109,8 +109,8 @@ def test_iterations_are_used_up(arm):
 
 
 @needs_ipopt
-def test_an_interrupt_keeps_the_motion_from_which_it_goes_on(arm):
-    whole, seen, kept = by_ipopt(reach(arm)), [], []
+def test_an_interrupt_keeps_the_motion_from_which_it_goes_on(arm, tmp_path):
+    whole, seen, path = by_ipopt(reach(arm)), [], tmp_path / "search.npz"
     assert int(whole.iterations) > 30
 
     def stop(motion):
@@ -119,11 +119,11 @@ def test_an_interrupt_keeps_the_motion_from_which_it_goes_on(arm):
             signal.raise_signal(signal.SIGINT)
 
     with pytest.raises(kj.OptimizationInterrupted) as caught:
-        by_ipopt(reach(arm), progress=stop, keep=kept.append)
+        by_ipopt(reach(arm), progress=stop, checkpoint=path)
     assert seen == [10, 20, 30]
     assert int(caught.value.motion.iterations) == 30
     assert 1e-8 < float(caught.value.motion.errors.greatest) < 1.0
-    again = by_ipopt(reach(arm), search=kept[-1])
+    again = by_ipopt(reach(arm), checkpoint=path)
     assert float(again.cost) == pytest.approx(float(whole.cost), rel=1e-7)
     assert 30 < int(again.iterations) < 5 + int(whole.iterations)
 

@@ -7,6 +7,7 @@ import pytest
 
 import kanejax as kj
 from kanejax import costs
+from kanejax._checkpoint import CheckpointError
 from kanejax._optimal_control.search import Result
 from kanejax._optimize import many
 
@@ -50,8 +51,10 @@ def test_a_guess_beside_each_task(task):
     np.testing.assert_allclose(warm.cost, straight.cost[:4], rtol=1e-8)
 
 
-def test_interrupted_and_resumed(task, monkeypatch):
-    whole, calls, run = kj.optimize_batch(task, ROWS, threads=1), [], many._run
+@pytest.mark.parametrize("size", [1, 2])
+def test_interrupted_and_gone_on_with(task, monkeypatch, tmp_path, size):
+    options = {"threads": 1, "batch_size": size}
+    whole, calls, run, path = kj.optimize_batch(task, ROWS, **options), [], many._run, tmp_path / "motions.npz"
 
     def interrupted(*arguments):
         calls.append(1)
@@ -60,16 +63,21 @@ def test_interrupted_and_resumed(task, monkeypatch):
         return run(*arguments)
 
     monkeypatch.setattr(many, "_run", interrupted)
-    with pytest.raises(kj.OptimizationInterrupted, match=r"resume=error\.motion") as caught:
-        kj.optimize_batch(task, ROWS, threads=1)
+    with pytest.raises(kj.OptimizationInterrupted, match="`motion` has what is finished") as caught:
+        kj.optimize_batch(task, ROWS, checkpoint=path, **options)
     part = caught.value.motion
-    np.testing.assert_array_equal(part.result == Result.NOT_RUN, [False, False, True, True, True])
-    del calls[:]
+    done = int(np.sum(part.result != Result.NOT_RUN))
+    assert 0 < done < 5
     calls.extend([1] * 9)
-    rest = kj.optimize_batch(task, ROWS, threads=1, resume=part, progress=True)
-    assert len(calls) == 9 + 3
+    rest = kj.optimize_batch(task, ROWS, checkpoint=path, progress=True, **options)
     for one, other in zip(jax.tree.leaves(rest), jax.tree.leaves(whole), strict=True):
         np.testing.assert_array_equal(one, other)
+    del calls[:]
+    again = kj.optimize_batch(task, ROWS, checkpoint=path, **options)
+    assert len(calls) == size, "to know the shapes, and nothing else"
+    np.testing.assert_array_equal(again.q, whole.q)
+    with pytest.raises(CheckpointError, match="belongs to other inputs"):
+        kj.optimize_batch(task, ROWS | {"mass": np.ones(5)}, checkpoint=path, **options)
 
 
 @pytest.mark.parametrize(
@@ -84,9 +92,3 @@ def test_interrupted_and_resumed(task, monkeypatch):
 def test_refused(task, rows, options, message):
     with pytest.raises(ValueError, match=message):
         kj.optimize_batch(task, rows, **options)
-
-
-def test_a_result_of_another_call_is_refused(task):
-    few = kj.optimize_batch(task, jax.tree.map(lambda x: x[:2], ROWS), threads=1)
-    with pytest.raises(ValueError, match="resume has 2 motions, but there are 5 tasks"):
-        kj.optimize_batch(task, ROWS, resume=few)

@@ -13,7 +13,8 @@ GUIDE = pathlib.Path(kj.__file__).parents[1] / "docs" / "optimization.md"
 
 
 @pytest.mark.slow
-def test_the_guide_runs_as_printed():
+def test_the_guide_runs_as_printed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     names: dict = {}
     for block in re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL):
         # optax mixes integers and numbers.
@@ -23,6 +24,9 @@ def test_the_guide_runs_as_printed():
     assert bool(names["around"].converged)
     assert 0.3 < float(names["around"].duration) < 3.0
     assert names["many"].converged.all()
+    np.testing.assert_array_equal(names["kept"].q, names["many"].q)
+    np.testing.assert_array_equal(names["one"].q, names["motion"].q)
+    assert {path.name for path in tmp_path.iterdir()} == {"many.npz", "one.npz"}
     assert "which takes at least 0.6 s" in str(names["refused"])
     assert np.isfinite(names["slope"])
     assert np.abs(names["held"].q[-1]).max() < np.abs(names["off_wrong"].q[-1]).max()

@@ -8,6 +8,7 @@ import pytest
 
 import kanejax as kj
 from kanejax import constraints, costs
+from kanejax._checkpoint import CheckpointError
 from tests.helpers.mechanisms import relative
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody>
@@ -176,18 +177,25 @@ def test_a_body_on_a_ball_joint_turns_about_one_axis():
     assert np.abs(motion.tau[:, 1:]).max() < 1e-6
 
 
-def test_progress_interrupt_and_going_on(arm):
-    seen = []
+def test_progress_interrupt_and_going_on(arm, tmp_path):
+    seen, path = [], tmp_path / "search.npz"
 
     def stop(motion):
         seen.append(int(motion.iterations))
         raise KeyboardInterrupt
 
     with pytest.raises(kj.OptimizationInterrupted) as caught:
-        kj.optimize(task(arm), progress=stop)
+        kj.optimize(task(arm), progress=stop, checkpoint=path)
     assert seen == [10]
     whole = kj.optimize(task(arm))
     assert float(kj.optimize(task(arm), caught.value.motion).cost) == pytest.approx(float(whole.cost), rel=1e-9)
+    for done in (False, True):
+        rest = kj.optimize(task(arm), progress=lambda motion: seen.append(int(motion.iterations)), checkpoint=path)
+        assert seen == [10, int(whole.iterations)], done
+        for one, other in zip(jax.tree.leaves(rest), jax.tree.leaves(whole), strict=True):
+            np.testing.assert_array_equal(one, other)
+    with pytest.raises(CheckpointError, match=r"search\.npz belongs to other inputs; remove it to begin anew"):
+        kj.optimize(task(arm, duration=1.1), checkpoint=path)
 
 
 @pytest.mark.parametrize(
