@@ -86,8 +86,9 @@ class Trajectory(eqx.Module):
 
     @property
     def reached(self) -> Bool[Array, "*batch n"]:
-        """Which of the times were reached: a mask for losses over `q` and `u`."""
-        return self.ts <= self.t_end[..., None]
+        """Which of the times were reached, with finite `q` and `u`: a mask for losses over them."""
+        finite = (abs(self.q) < np.inf).all(-1) & (abs(self.u) < np.inf).all(-1)
+        return (self.ts <= self.t_end[..., None]) & finite
 
     def evaluate(self, t: Float[ArrayLike, ""]) -> tuple[Float[Array, " nq"], Float[Array, " nv"]]:
         """Coordinates and speeds at any time up to `t_end`, NaN beyond; vmap for many times or trajectories.
