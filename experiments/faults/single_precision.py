@@ -1,4 +1,4 @@
-"""Single against double precision: energies, momenta, poses, partial velocities and a second of motion, for ten robots."""
+"""Single against double precision: energies, momenta, poses, partial velocities and a second of motion, for nine robots."""
 
 import importlib.metadata
 import warnings
@@ -24,7 +24,6 @@ ROBOTS = {
     "anymal c": ("example-robot-data", "anymal_c_simple_description/urdf/anymal.urdf"),
     "g1, 29 joints": ("example-robot-data", "g1_description/urdf/g1_29dof_rev_1_0.urdf"),
     "talos, reduced": ("example-robot-data", "talos_data/robots/talos_reduced.urdf"),
-    "dm_control humanoid": ("dm-control", "dm_control/suite/humanoid.xml"),
 }
 QUANTITIES: dict[str, Callable[..., Any]] = {
     "kinetic energy": kj.kinetic_energy,

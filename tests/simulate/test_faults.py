@@ -119,7 +119,8 @@ def test_a_first_step_that_cannot_be_estimated_is_the_whole_time():
         def rates(terms, t, y, args):
             return jnp.where(y[0] > 1.0, jnp.nan, jnp.ones(2))
 
-        return kind(rtol=1e-4, atol=1e-6).init(diffrax.ODETerm(rates), 0.0, 2.0, jnp.ones(2), None, None, rates, 5.0)[0]
+        terms = diffrax.ODETerm(lambda t, y, args: y)
+        return kind(rtol=1e-4, atol=1e-6).init(terms, 0.0, 2.0, jnp.ones(2), None, None, rates, 5.0)[0]
 
     assert np.isnan(first_step(diffrax.PIDController))
     assert first_step(FiniteSteps) == 2
