@@ -76,7 +76,7 @@ def test_every_fault_has_its_status_and_harms_no_other(pendulum, options, which)
     others = np.setdiff1d(np.arange(COUNT), faulty)
     assert (without.status == kj.Status.SUCCESSFUL).all()
     for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(without), strict=True):
-        np.testing.assert_allclose(a[others], b[others], rtol=1e-9, atol=1e-11)
+        np.testing.assert_array_equal(a[others], b[others])
     reached = np.asarray(found.reached)
     assert np.isfinite(found.q[reached]).all()
     assert np.isnan(found.q[~reached][:, 0]).any()
