@@ -195,7 +195,14 @@ def _sincos_jvp(primals, tangents):  # noqa: ANN001, ANN202
 def _sincos_guarded(x: jax.Array) -> tuple[jax.Array, jax.Array]:
     limit = 1e6 if x.dtype == jnp.float64 else 1e4
     # NaN and infinity compare false and go to the library's functions.
-    return lax.cond(jnp.all(jnp.abs(x) < limit), _sincos_kernel, lambda x: (jnp.sin(x), jnp.cos(x)), x)
+    within = jnp.abs(x) < limit
+
+    def either(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+        # Each of a batch what it would get alone: one that fails leaves the others their bits.
+        near = _sincos_kernel(jnp.where(within, x, 0.0))
+        return jnp.where(within, near[0], jnp.sin(x)), jnp.where(within, near[1], jnp.cos(x))
+
+    return lax.cond(jnp.all(within), _sincos_kernel, either, x)
 
 
 def _sincos_kernel(x: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -77,6 +77,22 @@ def checked_times(ts: Any, dtype: Any) -> Any:
     return ts
 
 
+def check_step(dt0: Any, ts: Any) -> None:
+    """Check that a step, if it and the times are known, moves the time in their data type.
+
+    Raises:
+        ValueError: it is shorter than twice the distance of two numbers there.
+    """
+    if dt0 is None or not _known(dt0) or not _known(ts):
+        return
+    last = np.max(np.abs(np.asarray(ts)))
+    if not float(dt0) >= 2.0 * float(np.spacing(last)):
+        raise ValueError(
+            f"dt0 is {float(dt0):.3g}, but {last.dtype} cannot tell times around {float(last):.6g} apart by less than "
+            f"{float(np.spacing(last)):.2g}; let ts begin at zero, take longer steps, or use float64"
+        )
+
+
 def check_positive(**values: Any) -> None:
     """Check numbers that are known and not None.
 

@@ -13,12 +13,13 @@ from jax.core import Tracer
 
 from kanejax._kinematics.coordinate_rates import unit_quaternions
 from kanejax._model.generalized_speeds import AnyModel, WithSpeeds, own
-from kanejax._simulate.checks import check_positive, checked_state, checked_times
+from kanejax._simulate.checks import check_positive, check_step, checked_state, checked_times
 from kanejax._simulate.control import Controlled, TorqueTable, as_control, check_control
 from kanejax._simulate.events import as_conditions
 from kanejax._simulate.runge_kutta import ExplicitRungeKutta
 from kanejax._simulate.singular_speeds import add_singularity, check_bounce
 from kanejax._simulate.solve import Settings, solve, solve_fixed, solve_restarting
+from kanejax._simulate.step_size import FiniteSteps
 from kanejax._simulate.system import system
 from kanejax._simulate.trajectory import Status, Trajectory, raise_unless_ok
 
@@ -100,6 +101,7 @@ def simulate(
     q0, u0 = checked_state(own(model), q0, u0)
     ts = checked_times(ts, model.dtype)
     check_positive(dt0=dt0, rtol=rtol, atol=atol, max_steps=max_steps, max_events=max_events)
+    check_step(dt0, ts)
     # NumPy's integers would be traced, but a compiled program must know these.
     max_steps, max_events = max_steps if max_steps is None else int(max_steps), int(max_events)
     control = as_control(control)
@@ -177,8 +179,9 @@ def _substeps(ts: Any, dt0: Any) -> int | None:
     """Equal steps between saved times, if they are known."""
     if dt0 is None or not isinstance(ts, np.ndarray) or isinstance(dt0, Tracer):
         return None
-    # A step that fits but for rounding errors fits.
-    return max(1, int(np.ceil(np.max(np.diff(ts.astype(float))) / float(dt0) * (1 - 1e-6))))
+    # A step that fits but for rounding errors, also those of the times, fits.
+    longest = np.max(np.diff(ts.astype(float))) - 2.0 * float(np.spacing(np.max(np.abs(ts))))
+    return max(1, int(np.ceil(longest / float(dt0) * (1 - 1e-6))))
 
 
 def _controller(control: Controlled, dt0: Any, rtol: Any, atol: Any, ts: Any) -> diffrax.AbstractStepSizeController:
@@ -186,10 +189,10 @@ def _controller(control: Controlled, dt0: Any, rtol: Any, atol: Any, ts: Any) ->
         return diffrax.ConstantStepSize()
     if isinstance(control.function, TorqueTable) and control.function.interpolation == "hold":
         jumps = jax.lax.stop_gradient(control.function.ts).astype(ts.dtype)
-        return diffrax.ClipStepSizeController(diffrax.PIDController(rtol=rtol, atol=atol), jump_ts=jumps)
+        return diffrax.ClipStepSizeController(FiniteSteps(rtol=rtol, atol=atol), jump_ts=jumps)
     # Shorter steps would not advance the time.
     shortest = 16 * jnp.finfo(ts.dtype).eps * jnp.maximum(jnp.abs(ts[0]), jnp.abs(ts[-1]))
-    return diffrax.PIDController(rtol=rtol, atol=atol, dtmin=shortest, force_dtmin=False)
+    return FiniteSteps(rtol=rtol, atol=atol, dtmin=shortest, force_dtmin=False)
 
 
 def _prepared_solver(

@@ -59,28 +59,37 @@ def solve_fixed(solver: diffrax.AbstractSolver, system: System, y0: jax.Array, t
         y, _, _, state, result = solver.step(term, *times, y, system, state, made_jump=False)
         return (y, state, solved & (result == diffrax.RESULTS.successful)), None
 
-    def interval(carry: tuple, ends: tuple[jax.Array, jax.Array]) -> tuple[tuple, jax.Array]:
+    def interval(carry: tuple, ends: tuple[jax.Array, jax.Array]) -> tuple[tuple, tuple[jax.Array, jax.Array]]:
         times = ends[0] + (ends[1] - ends[0]) * fractions
         carry, _ = jax.lax.scan(step, carry, (times[:-1], times[1:]))
-        return carry, carry[0]
+        return carry, (carry[0], carry[2])
 
     carry = jax.tree.map(jnp.asarray, (y0, state, True))
-    (y_end, _, solved), saved = jax.lax.scan(interval, carry, (ts[:-1], ts[1:]))
-    status = jnp.where(solved, int(Status.SUCCESSFUL), int(Status.SOLVER_FAILED))
-    status = jnp.where(jnp.all(jnp.isfinite(y_end)), status, int(Status.NON_FINITE)).astype(jnp.int32)
-    total, none = jnp.asarray(substeps * (len(ts) - 1), jnp.int32), jnp.asarray(0, jnp.int32)
+    _, (saved, solved) = jax.lax.scan(interval, carry, (ts[:-1], ts[1:]))
     saved = jnp.concatenate((y0[None], saved))
-    return Solution(saved, ts[-1], y_end, status, none - 1, none, dict(zip(STATS, (total, total, none), strict=True)))
+    finite = jnp.all(jnp.isfinite(saved), 1)
+    # What follows the first failure counts for nothing. A step is solved no more once its state is not finite: that says more.
+    good = jnp.cumprod(jnp.concatenate((finite[:1], finite[1:] & solved))).astype(bool)
+    last = jnp.maximum(jnp.sum(good) - 1, 0)
+    failure = jnp.where(jnp.all(finite), int(Status.SOLVER_FAILED), int(Status.NON_FINITE))
+    status = jnp.where(jnp.all(good), int(Status.SUCCESSFUL), failure).astype(jnp.int32)
+    total, none = jnp.asarray(substeps * (len(ts) - 1), jnp.int32), jnp.asarray(0, jnp.int32)
+    return Solution(saved, ts[last], saved[last], status, none - 1, none, dict(zip(STATS, (total, total, none), strict=True)))
 
 
 def solve(settings: Settings, system: System, y0: jax.Array, t0: jax.Array, ts: jax.Array) -> Solution:
-    """Integrate from t0 to the last of ts with diffrax; times before t0 get its state, those not reached infinity."""
+    """Integrate from t0 to the last of ts with diffrax; times up to t0 get its state, those not reached infinity.
+
+    From a state that is not finite there is nothing to integrate.
+    """
+    finite = jnp.all(jnp.isfinite(y0))
+    begin = jnp.where(finite, t0, ts[-1])
     event = diffrax.Event(settings.conditions, event_time_finder(y0.dtype), direction=False) if settings.conditions else None
-    saveat = diffrax.SaveAt(subs=(diffrax.SubSaveAt(ts=jnp.maximum(ts, t0)), diffrax.SubSaveAt(t1=True)), dense=settings.dense)
+    saveat = diffrax.SaveAt(subs=(diffrax.SubSaveAt(ts=jnp.maximum(ts, begin)), diffrax.SubSaveAt(t1=True)), dense=settings.dense)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(rates),
         settings.solver,
-        t0,
+        begin,
         ts[-1],
         settings.dt0,
         y0,
@@ -100,7 +109,9 @@ def solve(settings: Settings, system: System, y0: jax.Array, t0: jax.Array, ts: 
     stats = {name: jnp.asarray(solution.stats[name], jnp.int32) for name in STATS}
     none = jnp.asarray(0, jnp.int32)
     rest = solution.stats.get("segment", solution.interpolation)
-    return Solution(solution.ys[0], solution.ts[1][0], solution.ys[1][0], status, which, none, stats, rest)
+    # diffrax saves the state at t0 with the first step that it keeps.
+    saved = jnp.where((ts <= t0)[:, None], y0, solution.ys[0])
+    return Solution(saved, jnp.where(finite, solution.ts[1][0], t0), solution.ys[1][0], status, which, none, stats, rest)
 
 
 def solve_restarting(

@@ -32,7 +32,7 @@ class Status(enum.IntEnum):
     MIN_STEP = 3
     """The step size shrank to nothing: the state goes to infinity, or a force is NaN or jumps."""
     NON_FINITE = 4
-    """The state became infinite or NaN."""
+    """The state became infinite or NaN, or was at first."""
     SOLVER_FAILED = 5
     """The equations of an implicit step, or of an event's time, were not solved."""
     NOT_RUN = 6
@@ -53,7 +53,7 @@ class Trajectory(eqx.Module):
         ts: the times [s] asked for.
         q: generalized coordinates at those times, quaternions of unit length; NaN at times that were not reached.
         u: generalized speeds, likewise.
-        t_end: the time at which the simulation ended.
+        t_end: the time at which the simulation ended; with equal steps, the last of `ts` before a failure.
         q_end: generalized coordinates at that time.
         u_end: generalized speeds at that time.
         status: a `Status`, as an integer.
@@ -86,8 +86,9 @@ class Trajectory(eqx.Module):
 
     @property
     def reached(self) -> Bool[Array, "*batch n"]:
-        """Which of the times were reached: a mask for losses over `q` and `u`."""
-        return self.ts <= self.t_end[..., None]
+        """Which of the times were reached, with finite `q` and `u`: a mask for losses over them."""
+        finite = (abs(self.q) < np.inf).all(-1) & (abs(self.u) < np.inf).all(-1)
+        return (self.ts <= self.t_end[..., None]) & finite
 
     def evaluate(self, t: Float[ArrayLike, ""]) -> tuple[Float[Array, " nq"], Float[Array, " nv"]]:
         """Coordinates and speeds at any time up to `t_end`, NaN beyond; vmap for many times or trajectories.
