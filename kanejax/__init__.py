@@ -82,6 +82,7 @@ from kanejax._operation_count import OperationCount as OperationCount, operation
 # the imports, Python reads the table.
 if _typing.TYPE_CHECKING:
     from kanejax import constraints as constraints, costs as costs, distributions as distributions
+    from kanejax._checkpoint import CheckpointError as CheckpointError, CheckpointWarning as CheckpointWarning
     from kanejax._dataset.study import (
         GivenForces as GivenForces,
         RandomForces as RandomForces,
@@ -175,6 +176,7 @@ else:
     _LATER = {
         "_dataset.study": ("GivenForces", "RandomForces", "Randomized", "Study"),
         "_dataset.write_study": ("StudyInterrupted", "write_study"),
+        "_checkpoint": ("CheckpointError", "CheckpointWarning"),
         "_excitation.excitation": ("ExcitationDesign", "excitation"),
         "_excitation.fourier_motion": ("FourierMotion", "motion_table", "write_csv"),
         "_excitation.motion_information": ("MotionInformation", "motion_information"),

@@ -11,7 +11,7 @@ from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 BATCH = "batch"
 
 
-def batch_mesh(devices: Sequence[jax.Device] | None = None) -> Mesh:
+def batch_mesh(devices: Sequence[Any] | None = None) -> Mesh:
     """A mesh of one axis, "batch", over devices; by default all of all processes.
 
     The axis is of type `Auto`: under plain `jax.jit` each device then evaluates its rows of a batch, and gradients with respect to

@@ -18,7 +18,7 @@ from kanejax._optimize.motion import OptimalMotion
 from kanejax._optimize.tracking import Deviation, replayed, replayed_by_mujoco
 from kanejax._simulate.trajectory import SimulationError
 
-JSON_NAME, LOG_NAME, STATE_NAME = "motion.json", "run.log", "unfinished.npz"
+JSON_NAME, LOG_NAME = "motion.json", "run.log"
 _UNITS = "SI units and radians"
 
 

@@ -21,7 +21,7 @@ from kanejax._io.urdf_dynamics import with_joint_dynamics
 from kanejax._io.urdf_inertials import to_urdf_inertials
 from kanejax._io.xml_text import file_content, parsed_xml
 
-JSON_NAME, LOG_NAME, STATE_NAME = "identification.json", "run.log", "stages.npz"
+JSON_NAME, LOG_NAME = "identification.json", "run.log"
 
 
 def write_results(

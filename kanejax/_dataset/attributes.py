@@ -1,16 +1,11 @@
 """What a data set says of itself: where it comes from, and in what shape it is."""
 
-import hashlib
 import importlib.metadata
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-import numpy as np
-
 from kanejax._dataset.store import LAST, ArrayLayout
 from kanejax._dataset.study import GivenForces, RandomForces, Study
+from kanejax._fingerprint import fingerprint_of
 from kanejax._model.model import leaf_shapes
 from kanejax._simulate.trajectory import Status
 from kanejax.distributions import AbstractDistribution
@@ -34,8 +29,8 @@ def attributes_of(study: Study, source: dict[str, Any]) -> dict[str, Any]:
     described = {
         "trajectories": study.trajectories,
         "seed": study.seed,
-        "model_sha256": hash_of(study.model),
-        "times_sha256": hash_of(study.ts),
+        "model_fingerprint": fingerprint_of(study.model),
+        "times_fingerprint": fingerprint_of(study.ts),
         "dtype": str(study.model.dtype),
         "q0": "uniform within the joints' ranges" if study.q0 is None else _described(study.q0),
         "u0": _described(study.u0),
@@ -43,7 +38,7 @@ def attributes_of(study: Study, source: dict[str, Any]) -> dict[str, Any]:
         "parameters": {name: f"{random.how}: {_described(random.distribution)}" for name, random in study.parameters.items()},
         "solver": str(options.pop("solver", "Tsit5()")),
         "options": {name: str(value) for name, value in sorted(options.items())},
-        "events": "none" if events is None else hash_of_function(events, study.model),
+        "events": "none" if events is None else fingerprint_of(events),
         "joint_names": list(tree.joint_names),
         "body_names": list(tree.body_names),
         "versions": {"kanejax": __version__, **{name: importlib.metadata.version(name) for name in _PACKAGES}},
@@ -83,27 +78,11 @@ def layout_of(study: Study) -> dict[str, ArrayLayout]:
     return arrays
 
 
-def hash_of(tree: Any) -> str:
-    """SHA-256 of all arrays of a pytree, and of its structure."""
-    found = hashlib.sha256(str(jax.tree.structure(tree)).encode())
-    for leaf in jax.tree.leaves(tree):
-        array = np.ascontiguousarray(leaf)
-        found.update(repr((array.dtype.str, array.shape)).encode() + array.tobytes())
-    return found.hexdigest()
-
-
-def hash_of_function(function: Any, model: Any) -> str:
-    """SHA-256 of what a function of (t, q, u) computes, as JAX traces it."""
-    t, q, u = (jnp.zeros(shape, model.dtype) for shape in ((), (model.nq,), (model.nv,)))
-    traced = [eqx.filter_make_jaxpr(each)(t, q, u)[0] for each in jax.tree.leaves(function, is_leaf=callable)]
-    return hashlib.sha256("".join(str(each) for each in traced).encode()).hexdigest()
-
-
 def _described(source: Any) -> str:
     """A distribution in words, or the hash of what is given."""
     if isinstance(source, AbstractDistribution):
         return str(source)
-    return f"given, sha256 {hash_of(np.asarray(source))}"
+    return f"given, fingerprint {fingerprint_of(source)}"
 
 
 def _described_forces(control: RandomForces | GivenForces | None) -> str:
@@ -111,7 +90,7 @@ def _described_forces(control: RandomForces | GivenForces | None) -> str:
         return "none"
     if isinstance(control, RandomForces):
         return f"{_described(control.distribution)} every {control.period} s, {control.interpolation}"
-    return f"given, sha256 {hash_of((np.asarray(control.ts), np.asarray(control.values)))}, {control.interpolation}"
+    return f"given, fingerprint {fingerprint_of(control.ts, control.values)}, {control.interpolation}"
 
 
 def _dimensions(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:

@@ -36,11 +36,11 @@ def folder(tmp_path_factory):
 def started(folder, out, *more):
     command = "simulate", "arm.xml", "--study", "study.toml", "--out", out, "--chunk", CHUNK, *more
     program = "from kanejax.cli import main; main()"
-    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(folder / "cache"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+    cache = {"JAX_COMPILATION_CACHE_DIR": str(folder / "cache"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
     return subprocess.Popen(
         [sys.executable, "-c", program, *map(str, command)],
         cwd=folder,
-        env=environment,
+        env=os.environ | cache,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

@@ -157,8 +157,8 @@ def test_other_trajectories_are_refused(whole, study, tmp_path):
     for change, message in (
         ({"seed": 6}, "seed is 6, but was 5"),
         ({"trajectories": 71}, "trajectories is 71, but was 70"),
-        ({"ts": np.linspace(0.0, 0.4, 4)}, "times_sha256"),
-        ({"model": study.model.replace(mass=1.01 * study.model.mass)}, "model_sha256"),
+        ({"ts": np.linspace(0.0, 0.4, 4)}, "times_fingerprint"),
+        ({"model": study.model.replace(mass=1.01 * study.model.mass)}, "model_fingerprint"),
         ({"parameters": {}}, "parameters is {}"),
         ({"options": {"dt0": 0.01}}, 'options is {"dt0": "0.01"}'),
     ):

@@ -122,7 +122,7 @@ def test_broken_archives(tmp_path):
 def test_times_stand_in_the_column_of_times_only(tmp_path):
     names, values = seeds.columns()
     columns = dict(zip(names, values.T, strict=True)) | {"position_elbow": np.zeros(len(values), "M8[ns]")}
-    np.savez(tmp_path / "log.npz", **columns)
+    np.savez(tmp_path / "log.npz", **columns)  # type: ignore[arg-type]
     with pytest.raises(LogError, match="position is asked of a column of times"):
         read_log(tmp_path / "log.npz", JOINTS)
 
