@@ -6,7 +6,7 @@ import time
 
 NAMES = (
     *("evaluation", "variants", "gradients", "gcc", "compile_time", "single_call"),
-    *("simulate", "simulation_gradient", "scaling", "gpu", "identification", "optimization"),
+    *("simulate", "simulation_gradient", "scaling", "gpu", "identification", "optimization", "scale"),
 )
 
 

@@ -65,7 +65,9 @@ def write_study(
             f"batch_size is {batch_size}; it must be a multiple of 32, so that all lanes compute with the same instructions"
         )
     path, chunk = Path(path), min(int(chunk), study.trajectories)
-    store = _opened(path, study, chunk, attributes_of(study, dict(source or {})), resume=resume)
+    # Programs of other sizes give numbers that differ by rounding errors.
+    attributes = {**attributes_of(study, dict(source or {})), "chunk": chunk, "batch_size": int(batch_size)}
+    store = _opened(path, study, chunk, attributes, resume=resume)
     mine = np.flatnonzero(~store.done())
     mine = mine[mine % jax.process_count() == jax.process_index()]
     try:
@@ -91,7 +93,7 @@ def free_bytes(path: str | os.PathLike) -> int:
 
 def _opened(path: Path, study: Study, chunk: int, attributes: dict[str, Any], *, resume: bool) -> Store:
     """The store, made by the first process if it is not there."""
-    layout, attributes = layout_of(study), {**attributes, "chunk": chunk}
+    layout = layout_of(study)
     first, exists = jax.process_index() == 0, os.path.lexists(path)
     _together("kanejax: is there a store")
     if exists and not resume:
