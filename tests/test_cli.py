@@ -119,9 +119,10 @@ def test_simulate_writes_a_file(pendulum, tmp_path):
     first = np.load(out)
     assert first["q"].shape == first["u"].shape == (6, 11, 2)
     assert first["q"].dtype == np.float64
-    np.testing.assert_allclose(first["ts"], np.linspace(0, 0.5, 11))
-    assert list(first["joint_names"]) == ["hinge", "slide"]
-    assert json.loads(str(first["details"]))["energy_change_worst"] < 1e-5
+    np.testing.assert_allclose(first["time"], np.linspace(0, 0.5, 11))
+    details = json.loads(str(first["details"]))
+    assert details["joint_names"] == ["hinge", "slide"]
+    assert details["energy_change_worst"] < 1e-5
     assert [path.name for path in tmp_path.iterdir() if "partial" in path.name] == []
     result = run(*arguments, "--json")
     assert json.loads(result.stdout)["status"] == {"SUCCESSFUL": 6}
@@ -139,7 +140,13 @@ def test_simulate_says_that_trajectories_failed(pendulum, tmp_path):
 
 
 def test_simulate_checks_the_output_first(pendulum, tmp_path):
-    for out, message in ((tmp_path, "is a folder"), (tmp_path / "nowhere" / "run.npz", "cannot be written")):
+    folder = tmp_path / "folder.npz"
+    folder.mkdir()
+    for out, message in (
+        (folder, "is a folder"),
+        (tmp_path / "nowhere" / "run.npz", "cannot be written"),
+        (tmp_path / "run.csv", "ends in neither .npz nor .zarr"),
+    ):
         result = run("simulate", pendulum, "--out", out)
         assert result.exit_code == cli.BAD_INPUT
         assert message in result.stderr

@@ -65,10 +65,11 @@ def _file_hash(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
 
 
-def size_in_words(number: float) -> str:
+def size_in_words(size: int) -> str:
     """Bytes, as one reads them."""
-    for unit in ("B", "kB", "MB", "GB", "TB"):
-        if number < 1000 or unit == "TB":
+    number = float(size)
+    for unit in ("B", "kB", "MB", "GB"):
+        if number < 1000:
             return f"{number:.3g} {unit}"
         number /= 1000
-    raise AssertionError
+    return f"{number:.3g} TB"
