@@ -53,16 +53,18 @@ def simulate(
         Path | None,
         typer.Option(help="TOML file with what is drawn at random, forces and the solver; see --example.", show_default=False),
     ] = None,
-    trajectories: Annotated[int | None, typer.Option(min=1, help="Number of trajectories.  [default: 256]")] = None,
-    duration: Annotated[float | None, typer.Option(min=1e-9, max=1e9, help="Length of each, in s.  [default: 1.0]")] = None,
-    times: Annotated[int | None, typer.Option(min=2, help="Times to save, from 0 to the duration.  [default: 101]")] = None,
+    trajectories: Annotated[int | None, typer.Option(min=1, help="Number of trajectories.", show_default="256")] = None,
+    duration: Annotated[float | None, typer.Option(min=1e-9, max=1e9, help="Length of each, in s.", show_default="1.0")] = None,
+    times: Annotated[int | None, typer.Option(min=2, help="Times to save, from 0 to the duration.", show_default="101")] = None,
     speed: Annotated[
-        float | None, typer.Option(min=0.0, help="Standard deviation of the initial speeds, in rad/s and m/s.  [default: 1.0]")
+        float | None, typer.Option(min=0.0, help="Standard deviation of the initial speeds, in rad/s and m/s.", show_default="1.0")
     ] = None,
     damping: Annotated[float, typer.Option(min=0.0, help="Damping to add to every joint, in N m s/rad and N s/m.")] = 0.0,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random numbers.  [default: 0]")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random numbers.", show_default="0")] = None,
     float32: Annotated[bool, typer.Option("--float32", help="Compute in float32 instead of float64.")] = False,
-    max_steps: Annotated[int | None, typer.Option(min=1, help="Stop a trajectory after this many steps.  [default: 4096]")] = None,
+    max_steps: Annotated[
+        int | None, typer.Option(min=1, help="Stop a trajectory after this many steps.", show_default="4096")
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with a store: simulate what is missing.")] = False,
     chunk: Annotated[int, typer.Option(min=1, help="Trajectories in one piece of a store.")] = 1024,
     coordinator: Annotated[
