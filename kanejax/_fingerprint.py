@@ -33,6 +33,8 @@ class _Hashes:
         """Hash of a value with its kind, so that no two values of different kinds are the same."""
         if value is None or isinstance(value, str | bytes | bool | int | float | complex | enum.Enum | types.EllipsisType):
             return _joined(type(value).__name__, repr(value))
+        if isinstance(value, jax.core.Tracer):
+            return _joined("traced", str(value.aval))  # Left behind by a function's side effect; it has no number.
         if isinstance(value, jax.Array | np.ndarray | np.generic | jax.ShapeDtypeStruct):
             return _of_array(value)
         if id(value) not in self._known:

@@ -128,3 +128,9 @@ def test_values_that_refer_to_themselves_have_one():
     other: list = [2]
     other.append(other)
     assert fingerprint_of(ring) != fingerprint_of(other)
+
+
+def test_what_a_traced_function_left_behind_is_no_obstacle():
+    left = []
+    jax.jit(lambda x: left.append(x) or x)(jnp.ones(3))
+    assert fingerprint_of(left) == fingerprint_of(left) != fingerprint_of([])

@@ -127,7 +127,7 @@ def test_what_does_not_fit_is_refused(arm, fields, message):
 
 
 def test_quaternions_are_not_drawn_number_by_number():
-    with pytest.raises(ValueError, match="has a quaternion"):
+    with pytest.raises(ValueError, match="is a quaternion, which is not drawn"):
         study(kj.load(random_tree(2, 1, ("ball",))), q0=distributions.Normal())
 
 

@@ -214,7 +214,7 @@ def test_terms_are_those_of_the_library(read):
             r"\[start\] q shoulder has 2 numbers, but this joint has 1",
         ),
         (("q = [0.0, 0.5]", "q = 1.0"), r"\[start\] q is 1.0; it must be a list of numbers"),
-        (("q = [0.0, 0.5]", "q = [nan, 0.5]"), r"the task: start.q\[0\] is nan"),
+        (("q = [0.0, 0.5]", "q = [nan, 0.5]"), r"\[start\] q is \[nan, 0.5\]; it must be a list of numbers"),
         (("q = [0.0, 0.5]", "u = 1.0"), r"\[start\] has neither q nor constraints"),
         (
             ("[goal]", "[goal.constraints]\nposition = { body = 'tool' }\n[goal]"),
