@@ -6,7 +6,6 @@ computation of several loops gives each a part of the checkpoint.
 """
 
 import contextlib
-import glob
 import os
 import time
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ import numpy as np
 
 from kanejax._errors import KanejaxError, warn_caller
 from kanejax._fingerprint import fingerprint_of
+from kanejax._whole_file import remove_leftovers, whole_file
 
 # Seconds between two writings.
 INTERVAL = 5.0
@@ -100,7 +100,7 @@ class _File:
     def __init__(self, path: Path, mark: str, interval: float) -> None:
         self.path, self._mark, self._interval = path, mark, interval
         _check_writable(path)
-        _remove_leftovers(path)
+        remove_leftovers(path)
         self._read = _arrays_in(path, mark) if path.exists() else {}
         self._states: dict[str, Any] = {}
         self._is_new, self._failed, self._written = False, False, time.monotonic()
@@ -136,7 +136,8 @@ class _File:
             state = kept() if callable(kept) else kept
             arrays |= {name: np.asarray(leaf) for name, leaf in zip(_names(part, state), jax.tree.leaves(state), strict=True)}
         try:
-            _write(self.path, {_MARK: np.array(self._mark), **arrays})
+            with whole_file(self.path) as partial, partial.open("wb") as file:
+                np.savez(file, **{_MARK: np.array(self._mark), **arrays})  # type: ignore[arg-type]
             self._is_new = False
         except OSError as error:
             if not self._failed:
@@ -180,34 +181,3 @@ def _arrays_in(path: Path, mark: str) -> dict[str, np.ndarray]:
     if found != mark:
         raise CheckpointError(f"{path} belongs to other inputs", "remove it to begin anew, or give another path")
     return arrays
-
-
-def _write(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write an NPZ file that is either the old or the new one, also after a loss of power."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        # A new file: what a link of this name points to is not written to, and `replace` does not follow links either.
-        with partial.open("xb") as file:
-            np.savez(file, **arrays)  # type: ignore[arg-type]
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-    _sync_folder(path.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    """See to it that a renamed file has its new name after a loss of power, where folders can be opened for that."""
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
-def _remove_leftovers(path: Path) -> None:
-    """Of processes that were killed while they wrote."""
-    for leftover in path.parent.glob(f".{glob.escape(path.name)}.*.partial"):
-        leftover.unlink(missing_ok=True)

@@ -67,9 +67,10 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, float) and not math.isnan(value)
 
 
-def whole(words: str, least: int | None = None) -> Kind:
-    """A whole number."""
-    return Kind(words, lambda value: isinstance(value, int) and not isinstance(value, bool) and (least is None or value >= least))
+def whole(words: str, least: int | None = None, most: int = 2**63 - 1) -> Kind:
+    """A whole number, which 64 bits hold."""
+    least = -(2**63) if least is None else least
+    return Kind(words, lambda value: isinstance(value, int) and not isinstance(value, bool) and least <= value <= most)
 
 
 NUMBER = number("a number")

@@ -272,6 +272,34 @@ def _toml(kind: str, text: str) -> Callable[[Random], Case]:
     return mutated
 
 
+def _data_set(random: Random) -> Case:
+    """A store whose metadata someone changed, with files missing, and links in place of files and folders."""
+    files, links = dict(seeds.data_set()), {}
+    metadata = [name for name in files if name.endswith("zarr.json")]
+    for _ in range(int(random.integers(1, 4)) if files else 0):
+        name = str(random.choice(metadata if random.random() < 0.7 else sorted(files)))
+        if name not in files:
+            continue
+        draw = random.random()
+        if name in metadata and draw < 0.7:
+            change = (changed_numbers, changed_lines, changed_bytes)[int(random.integers(0, 3))]
+            files[name] = change(files[name], random)
+        elif draw < 0.85:
+            del files[name]
+        else:
+            # The file, or a folder that it lies in, elsewhere.
+            parts = name.split("/")
+            place = "/".join(parts[: int(random.integers(1, len(parts) + 1))])
+            files = {other: data for other, data in files.items() if other != place and not other.startswith(f"{place}/")}
+            links = {other: to for other, to in links.items() if not other.startswith(f"{place}/")}
+            links[place] = str(random.choice(["../" * (place.count("/") + 2) + "secret.xml", "..", "nowhere", "/dev/zero"]))
+    for folder in ("", *(f"{name}/" for name in ("q", "status"))):
+        if random.random() < 0.05 and folder[:-1] not in links:
+            files[f"{folder}{random.choice(['.zarray', '.zattrs', 'x.pkl'])}"] = random.bytes(20)
+    stored = {f"runs.zarr/{name}": data for name, data in files.items()}
+    return Case("data set", "runs.zarr", stored, {f"runs.zarr/{name}": to for name, to in links.items()})
+
+
 _KINDS: dict[str, Callable[[Random], Case]] = {
     "URDF file": _urdf,
     "MJCF file": _mjcf,
@@ -284,6 +312,8 @@ _KINDS: dict[str, Callable[[Random], Case]] = {
     "MCAP log": _binary("MCAP log", ".mcap", seeds.mcap),
     "identify TOML": _toml("identify TOML", seeds.CONFIGURATION),
     "task TOML": _toml("task TOML", seeds.TASK),
+    "study TOML": _toml("study TOML", seeds.STUDY),
+    "data set": _data_set,
 }
 # How often each kind is drawn.
-SHARES = dict(zip(_KINDS, (20, 28, 8, 6, 10, 10, 6, 3, 3, 3, 3), strict=True))
+SHARES = dict(zip(_KINDS, (20, 28, 8, 6, 10, 10, 6, 3, 3, 3, 3, 3, 8), strict=True))

@@ -15,6 +15,7 @@ import numpy as np
 import kanejax as kj
 from experiments.fuzz import seeds
 from experiments.fuzz.cases import Case
+from kanejax._dataset.study_file import read_study
 from kanejax._identify.configuration import read_configuration
 from kanejax._logs.log import Log
 from kanejax._model.model import Model, leaf_shapes
@@ -64,8 +65,9 @@ def judged(case: Case, folder: Path) -> Verdict:
         finding = "" if isinstance(error, documented) else f"{outcome}: {str(error)[:300]}"
     seconds = time.perf_counter() - start
     megabytes = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory) / 1024
-    if left := [str(path) for path in work.iterdir()]:
-        finding = finding or f"wrote {left}"
+    left = [str(path) for path in (*work.iterdir(), *folder.iterdir()) if path not in (inside, work, folder / "secret.xml")]
+    if left or (folder / "secret.xml").read_bytes() != SECRET:
+        finding = finding or f"wrote {left or 'secret.xml'}"
     if megabytes > _MUCH_MEMORY or seconds > _MUCH_TIME:
         finding = finding or f"took {seconds:.1f} s and {megabytes:.0f} MB"
     return Verdict(outcome, finding, seconds, megabytes)
@@ -76,6 +78,8 @@ def nonsense(loaded: Any, case: Case) -> str:
     if isinstance(loaded, Log):
         arrays = [array for run in loaded.runs for array in (run.ts, run.q, run.effort)]
         return "" if all(np.all(np.isfinite(array)) for array in arrays) else "a log with numbers that are not finite"
+    if case.kind == "data set":
+        return "" if loaded == seeds.data_set() else "went on with a store that is not that of the study"
     if not isinstance(loaded, Model):
         return ""
     tree = loaded.tree
@@ -144,11 +148,27 @@ def _task(_: Case, path: Path) -> Any:
     return read_task(path, lambda robot: kj.load_report(robot))
 
 
+def _study(_: Case, path: Path) -> Any:
+    file = read_study(path)
+    values = {"trajectories": 4, "duration": 0.1, "times": 3, "seed": 0, **file.values}
+    ts = np.linspace(0.0, values["duration"], values["times"])
+    study = file.study(kj.load(path.with_name("arm.xml")), ts, values["trajectories"], values["seed"], {})
+    return study.rows(values["trajectories"] - 1, 1)
+
+
+def _data_set(_: Case, path: Path) -> dict[str, bytes]:
+    """Go on with it; what is accepted must end as the whole one."""
+    kj.write_study(seeds.study(), path, chunk=2, threads=1, resume=True)
+    return {name: (path / name).read_bytes() for name in seeds.data_set()}
+
+
 _LOADERS = {
     "DH table": _dh,
     **dict.fromkeys(("CSV log", "NPZ log", "Parquet log", "MCAP log"), _log),
     "identify TOML": _configuration,
     "task TOML": _task,
+    "study TOML": _study,
+    "data set": _data_set,
 }
 
 

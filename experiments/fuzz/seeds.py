@@ -4,8 +4,11 @@ import functools
 import importlib.util
 import io
 import pathlib
+import tempfile
 
 import numpy as np
+
+import kanejax as kj
 
 _INERTIAL = (
     '<inertial><origin xyz="0.1 0 0.2" rpy="0.1 0.2 0"/><mass value="2"/>'
@@ -125,6 +128,44 @@ tolerance = 1e-6
 [output]
 report = false
 """
+
+
+STUDY = """trajectories = 4
+duration = 0.1
+times = 3
+seed = 1
+[initial]
+q = { distribution = "uniform", low = -1.0, high = [1.0] }
+u = { distribution = "normal", std = 0.5 }
+[forces]
+distribution = "normal"
+std = 5.0
+period = 0.05
+interpolation = "linear"
+[parameters]
+density = { distribution = "log-normal", sigma = 0.1 }
+damping = { distribution = "uniform", low = 0.0, high = 0.5, how = "added" }
+[solver]
+method = "tsit5"
+dt0 = 0.05
+max_steps = 4096
+joint_limits = false
+"""
+
+
+def study() -> kj.Study:
+    """Four trajectories of the pendulum, for data sets."""
+    return kj.Study(kj.load(PENDULUM), np.linspace(0.0, 0.1, 3), 4, u0=kj.distributions.Normal(), options={"dt0": 0.05})
+
+
+@functools.cache
+def data_set() -> dict[str, bytes]:
+    """Files of a store of the study, empty where zarr is not installed."""
+    if importlib.util.find_spec("zarr") is None:
+        return {}
+    with tempfile.TemporaryDirectory() as folder:
+        store = kj.write_study(study(), pathlib.Path(folder) / "runs.zarr", chunk=2, threads=1)
+        return {str(file.relative_to(store)): file.read_bytes() for file in sorted(store.rglob("*")) if file.is_file()}
 
 
 @functools.cache

@@ -10,13 +10,14 @@ from rich.table import Table
 from rich.text import Text
 
 from kanejax._cli.optimize_search import Found
-from kanejax._cli.terminal import whole_file, write_arrays, write_json
+from kanejax._cli.terminal import write_arrays, write_json
 from kanejax._identify.record import plain, versions
 from kanejax._motion_task.task_file import TaskFile
 from kanejax._optimal_control.search import Result
 from kanejax._optimize.motion import OptimalMotion
 from kanejax._optimize.tracking import Deviation, replayed, replayed_by_mujoco
 from kanejax._simulate.trajectory import SimulationError
+from kanejax._whole_file import whole_file
 
 JSON_NAME, LOG_NAME = "motion.json", "run.log"
 _UNITS = "SI units and radians"

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from kanejax._cli.inputs import Inputs
-from kanejax._cli.terminal import whole_file, write_arrays, write_json
+from kanejax._cli.terminal import write_arrays, write_json
 from kanejax._errors import KanejaxError
 from kanejax._identify.report.numbers import percent
 from kanejax._identify.report.page import write_report
@@ -20,6 +20,7 @@ from kanejax._io.export import to_mjcf
 from kanejax._io.urdf_dynamics import with_joint_dynamics
 from kanejax._io.urdf_inertials import to_urdf_inertials
 from kanejax._io.xml_text import file_content, parsed_xml
+from kanejax._whole_file import whole_file
 
 JSON_NAME, LOG_NAME = "identification.json", "run.log"
 

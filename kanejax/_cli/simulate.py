@@ -55,7 +55,9 @@ def simulate(
     ] = None,
     trajectories: Annotated[int | None, typer.Option(min=1, help="Number of trajectories.", show_default="256")] = None,
     duration: Annotated[float | None, typer.Option(min=1e-9, max=1e9, help="Length of each, in s.", show_default="1.0")] = None,
-    times: Annotated[int | None, typer.Option(min=2, help="Times to save, from 0 to the duration.", show_default="101")] = None,
+    times: Annotated[
+        int | None, typer.Option(min=2, max=1_000_000, help="Times to save, from 0 to the duration.", show_default="101")
+    ] = None,
     speed: Annotated[
         float | None, typer.Option(min=0.0, help="Standard deviation of the initial speeds, in rad/s and m/s.", show_default="1.0")
     ] = None,

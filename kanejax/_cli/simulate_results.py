@@ -11,11 +11,17 @@ from kanejax._dataset.in_memory import energy_change, simulated_study
 from kanejax._dataset.store import zarr_package
 from kanejax._dataset.study import Study
 from kanejax._dataset.write_study import StudyInterrupted, free_bytes, needed_bytes, write_study
+from kanejax._errors import DatasetError
 from kanejax._simulate.trajectory import Status
+
+_LARGEST_FILE = 2**33
 
 
 def write_file(study: Study, out: Path, robot: str, *, progress: bool) -> tuple[dict[str, int], list[str], dict[str, Any]]:
     """Simulate in memory and write an NPZ file."""
+    needed = needed_bytes(study)
+    if needed > _LARGEST_FILE:
+        raise DatasetError(f"{out} would have {size_in_words(needed)}, all in memory before; write a .zarr store, piece by piece")
     arrays = simulated_study(study, progress=progress)
     median, worst = energy_change(study.model, arrays) if not study.parameters and study.control is None else (None, None)
     details = attributes_of(study, {"robot": robot}) | {"energy_change_median": median, "energy_change_worst": worst}

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.text import Text
 
 from kanejax._errors import IgnoredFeatureWarning, KanejaxError, RepairedModelWarning, UnphysicalInertiaWarning
+from kanejax._whole_file import whole_file
 
 if TYPE_CHECKING:
     from kanejax._io.load import LoadReport
@@ -51,17 +52,6 @@ def use_compilation_cache() -> None:
         home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
         jax.config.update("jax_compilation_cache_dir", os.path.join(home, "kanejax", "jax"))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
-
-
-@contextlib.contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """Where to write a file that is either whole or not there."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        yield partial
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def write_arrays(path: Path, arrays: dict[str, Any]) -> None:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kanejax._errors import DatasetError
+from kanejax._whole_file import to_disk
 
 # Written last: where its chunk is, all of the others are.
 LAST = "status"
@@ -61,13 +62,19 @@ class Store:
         return -(-self.trajectories // self._chunk)
 
     def done(self) -> np.ndarray:
-        """Which chunks are there."""
+        """Which chunks are there, with the files of all arrays, of which someone may have lost one.
+
+        Raises:
+            DatasetError: a link stands where a file or folder of the store should be.
+        """
         found = np.zeros(self.chunks, bool)
         folder = self.path / LAST / "c"
-        if folder.is_dir():
-            for entry in os.scandir(folder):
-                if entry.name.isdecimal() and int(entry.name) < self.chunks:
-                    found[int(entry.name)] = True
+        names = [entry.name for entry in os.scandir(folder)] if folder.is_dir() else []
+        for chunk in (int(name) for name in names if name.isdecimal() and int(name) < self.chunks):
+            files = [self._file(name, chunk) for name in self._arrays]
+            for file in files:
+                self._refuse_links(file)
+            found[chunk] = all(os.path.isfile(file) for file in files)
         return found
 
     def rows(self, chunk: int) -> range:
@@ -86,21 +93,25 @@ class Store:
             file = self._file(name, chunk)
             self._clear(file)
             self._arrays[name][rows.start : rows.stop] = arrays[name]
-            _to_disk(file)
+            to_disk(file)
 
     def _file(self, name: str, chunk: int) -> Path:
         rest = ("0" for _ in self._layout[name].shape[1:])
         return self.path.joinpath(name, "c", str(chunk), *rest)
 
     def _clear(self, file: Path) -> None:
-        """Take away what an interrupted writing of this chunk left, and refuse links, which could lead out of the store."""
+        """Take away what an interrupted writing of this chunk left."""
+        self._refuse_links(file)
+        for left in file.parent.glob(f"{file.name}.*.partial"):
+            left.unlink(missing_ok=True)
+
+    def _refuse_links(self, file: Path) -> None:
+        """Links could lead out of the store."""
         place = self.path
         for part in file.relative_to(self.path).parts:
             place /= part
             if place.is_symlink():
-                raise DatasetError(f"{place} is a link; a data set has none, and nothing is written where it leads")
-        for left in file.parent.glob(f"{file.name}.*.partial"):
-            left.unlink(missing_ok=True)
+                raise DatasetError(f"{place} is a link; a data set has none, and nothing is read or written where it leads")
 
 
 def create(path: Path, layout: Mapping[str, ArrayLayout], chunk: int, attributes: Mapping[str, Any]) -> None:
@@ -185,16 +196,6 @@ def _write_empty(store: Any, layout: Mapping[str, ArrayLayout], chunk: int, attr
             if shared:
                 made[...] = array.values
         zarr.consolidate_metadata(store)
-
-
-def _to_disk(file: Path) -> None:
-    """Wait until a file and its name are on the disk."""
-    for place in (file, file.parent):
-        descriptor = os.open(place, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def zarr_package() -> Any:

@@ -25,18 +25,21 @@ from kanejax._toml import (
     choice,
     file_text,
     list_of,
+    number,
     parsed_toml,
     refuse,
     whole,
 )
 
+# Of the times that are saved, and of their number: what is beyond is a slip, or meant to fill the memory.
+LONGEST, MOST_TIMES = 1e9, 1_000_000
 _VALUES = NUMBER.or_else(list_of(NUMBER, "a list of numbers"))
 _INTERPOLATION = choice("hold", "linear", "cubic")
 _KEYS = {
     "": {
         "trajectories": COUNT,
-        "duration": POSITIVE,
-        "times": whole("a whole number from 2 on", 2),
+        "duration": number(f"a positive number up to {LONGEST:g}", lambda value: 0 < value <= LONGEST),
+        "times": whole(f"a whole number from 2 to {MOST_TIMES}", 2, MOST_TIMES),
         "seed": SEED,
         **dict.fromkeys(("initial", "forces", "parameters", "solver"), TABLE),
     },

@@ -17,6 +17,9 @@ from kanejax._dataset.study import Study
 from kanejax._errors import DatasetError
 from kanejax._simulate.checks import check_positive
 
+# Several of them are in memory at the same time.
+_LARGEST_CHUNK, _MOST_CHUNKS = 2**31, 2**27
+
 
 class StudyInterrupted(KeyboardInterrupt):
     """`write_study` was interrupted; what was written stays, and `resume=True` goes on from there."""
@@ -54,7 +57,8 @@ def write_study(
         The path.
 
     Raises:
-        DatasetError: there is something at the path, or, with `resume`, another study, or what is no data set.
+        DatasetError: there is something at the path, or, with `resume`, another study, or what is no data set; or a chunk is larger
+            than 2 GiB.
         ValueError: an option has no meaning.
         OSError: the store cannot be written.
         StudyInterrupted: on Ctrl-C.
@@ -65,6 +69,7 @@ def write_study(
             f"batch_size is {batch_size}; it must be a multiple of 32, so that all lanes compute with the same instructions"
         )
     path, chunk = Path(path), min(int(chunk), study.trajectories)
+    _check_sizes(study, chunk)
     # Programs of other sizes give numbers that differ by rounding errors.
     attributes = {**attributes_of(study, dict(source or {})), "chunk": chunk, "batch_size": int(batch_size)}
     store = _opened(path, study, chunk, attributes, resume=resume)
@@ -79,6 +84,15 @@ def write_study(
         # Whoever leaves first takes the others' connection away. If one of them died, JAX ends this process too.
         time.sleep(0.2)
     return path
+
+
+def _check_sizes(study: Study, chunk: int) -> None:
+    """Refuse chunks that memory does not hold, and more of them than a folder."""
+    size = needed_bytes(study) // study.trajectories * chunk
+    if size > _LARGEST_CHUNK:
+        raise DatasetError(f"a chunk of {chunk} trajectories has {size / 1e9:.3g} GB; give a smaller chunk, or fewer times")
+    if study.trajectories // chunk > _MOST_CHUNKS:
+        raise DatasetError(f"{study.trajectories} trajectories make {study.trajectories // chunk:.3g} chunks; give a larger chunk")
 
 
 def needed_bytes(study: Study) -> int:

@@ -11,6 +11,8 @@ import pytest
 import xarray
 
 import kanejax as kj
+from experiments.fuzz.cases import case
+from experiments.fuzz.judge import judged
 from kanejax import distributions
 from kanejax._dataset import store as stores, write_study as module
 
@@ -83,7 +85,7 @@ def test_trajectories_are_those_of_what_was_drawn(whole, study):
 def test_chunks_that_are_lost_come_back_with_the_same_bits(whole, study, tmp_path, threads):
     again = tmp_path / "again.zarr"
     shutil.copytree(whole, again)
-    for name in ("status/c/1", "q/c/1/0/0", "status/c/4"):
+    for name in ("status/c/1", "q/c/1/0/0", "status/c/4", "u/c/2/0/0"):
         (again / name).unlink()
     # What a killed process leaves.
     (again / "q" / "c" / "1" / "0" / "0.0123.partial").write_bytes(b"half")
@@ -186,11 +188,15 @@ def test_links_lead_nowhere(whole, study, tmp_path):
     outside = tmp_path / "outside"
     shutil.copytree(whole / "q", outside)
     before = files(outside)
-    for name in ("q", "q/c/1"):
-        again = tmp_path / f"again{len(name)}.zarr"
+    for number, (name, is_done) in enumerate((("q", False), ("q/c/1", False), ("q/c/1", True), ("q/c/1/0/0", True))):
+        again = tmp_path / f"again{number}.zarr"
         shutil.copytree(whole, again)
-        shutil.rmtree(again / name)
-        (again / "status" / "c" / "1").unlink()
+        if (again / name).is_dir():
+            shutil.rmtree(again / name)
+        else:
+            (again / name).unlink()
+        if not is_done:
+            (again / "status" / "c" / "1").unlink()
         os.symlink(outside / name.removeprefix("q").lstrip("/"), again / name)
         with pytest.raises(kj.DatasetError, match=r"is a link|behind one"):
             write(study, again, resume=True, source={"robot": "arm.xml"})
@@ -212,3 +218,24 @@ def test_a_failed_trajectory_says_so(study, tmp_path):
 
 def test_attributes_are_plain_json(whole):
     assert json.loads((whole / "zarr.json").read_text())["attributes"]["chunk"] == CHUNK
+
+
+def test_mutated_stores_are_gone_on_with_or_refused_by_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    outcomes = set()
+    for seed in range(100):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        verdict = judged(case("data set", seed), folder)
+        assert verdict.finding == "", f"{seed}: {verdict}"
+        outcomes.add(verdict.outcome)
+    assert outcomes == {"loaded", "DatasetError"}
+
+
+def test_chunks_that_memory_does_not_hold_are_refused(study, tmp_path):
+    long = dataclasses.replace(study, ts=np.linspace(0.0, 1.0, 1_000_001), trajectories=10**6)
+    with pytest.raises(kj.DatasetError, match=r"a chunk of 1024 trajectories has [0-9.]+ GB; give a smaller chunk, or fewer times"):
+        kj.write_study(long, tmp_path / "long.zarr")
+    with pytest.raises(kj.DatasetError, match="give a larger chunk"):
+        kj.write_study(dataclasses.replace(study, trajectories=10**12), tmp_path / "many.zarr")
+    assert not list(tmp_path.iterdir())

@@ -35,7 +35,15 @@ def chain(count: int, inertia: str = "1") -> str:
 
 @pytest.mark.parametrize(
     ("kind", "count"),
-    [("URDF file", 120), ("MJCF file", 160), ("XML text", 60), ("mesh file", 60), ("DH table", 200), ("task TOML", 25)],
+    [
+        ("URDF file", 120),
+        ("MJCF file", 160),
+        ("XML text", 60),
+        ("mesh file", 60),
+        ("DH table", 200),
+        ("task TOML", 25),
+        ("study TOML", 40),
+    ],
 )
 def test_mutated_input_loads_or_is_refused_by_name(
     kind: str, count: int, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
