@@ -102,6 +102,9 @@ def test_the_example_is_a_study(folder):
     ("old", "new", "message"),
     [
         ("trajectories = 32", "trajectories = 0", "trajectories is 0; it must be a whole number from 1 on"),
+        ("times = 3", "times = 1000000000000", "times is 1000000000000; it must be a whole number from 2 to 1000000"),
+        ("duration = 0.2", "duration = inf", "duration is inf; it must be a positive number up to 1e+09"),
+        ("seed = 4", f"seed = {10**30}", "it must be a whole number from 0 on"),
         ("duration", "length", "the file has no key 'length'; the keys are: trajectories, duration"),
         (
             '"uniform", low = -1.0',
@@ -155,6 +158,7 @@ def test_files_of_states_are_checked(folder, arrays, message):
     ("arguments", "message"),
     [
         (("--out", "runs.npz", "--resume"), "are for .zarr stores"),
+        (("--out", "runs.npz", "--trajectories", 10**12), "TB, all in memory before; write a .zarr store, piece by piece"),
         (("--out", "runs.zarr", "--process", 1), "need --coordinator"),
         (("--out", "runs.zarr", "--coordinator", "localhost:1"), "needs --processes and --process"),
         (("--out", "runs.zarr", "--coordinator", "localhost:1", "--processes", 2, "--process", 2), "counts from 0 on"),
