@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.cache/jax
 
-.PHONY: demo test lint validate benchmark experiments identification clean
+.PHONY: demo test lint validate benchmark experiments identification trouble clean
 
 demo: $(VENV)/.demo  ## load, validate, simulate and differentiate a real robot; writes results/demo.png
 	$(BIN)/python experiments/demo.py
@@ -28,6 +28,11 @@ experiments: $(VENV)/.demo  ## the results and claims of Nie's thesis; pictures 
 
 identification: $(VENV)/.demo $(VENV)/.report  ## a designed motion, a simulated study and a real arm; goes to results/identification; ten minutes
 	$(BIN)/python -m experiments.identification
+
+trouble: $(VENV)/.test  ## faults, energy drift and precision, hostile input, killed commands; an hour
+	$(BIN)/python -m experiments.faults
+	$(BIN)/python -m experiments.fuzz
+	$(BIN)/python -m experiments.kills
 
 clean:
 	rm -rf $(VENV) .cache results
