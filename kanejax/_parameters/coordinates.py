@@ -23,6 +23,8 @@ from kanejax._parameters.pseudo_inertia import (
 AT_BORDER = 1e-3
 # Numbers are kept this far from their bounds, as a fraction of their scale, where coordinates are sought for any number.
 LEAST_DISTANCE = 1e-6
+# What a step leaves of the distance from a bound; and coordinates below which softplus is the exponential function.
+_LEAST_SHARE, _FAR = 0.1, -20.0
 
 
 class AbstractCoordinates(eqx.Module):
@@ -40,6 +42,14 @@ class AbstractCoordinates(eqx.Module):
     @abc.abstractmethod
     def theta(self, phi: Float[Array, " n"]) -> Float[Array, " m"]:
         """Coordinates of the numbers, or of the nearest that have some."""
+
+    @abc.abstractmethod
+    def step_limits(self, theta: Float[Array, " m"]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+        """Least and greatest step along the coordinates that `moved` takes: derivatives vanish near the borders."""
+
+    @abc.abstractmethod
+    def moved(self, theta: Float[Array, " m"], step: Float[Array, " m"]) -> Float[Array, " m"]:
+        """The coordinates after a step within the limits; single numbers change as their derivatives say."""
 
     @abc.abstractmethod
     def at_border(self, theta: Float[Array, " m"]) -> Bool[Array, " n"]:
@@ -68,6 +78,14 @@ class InertiaCoordinates(AbstractCoordinates):
     def theta(self, phi: Float[Array, " n"]) -> Float[Array, " m"]:
         """Coordinates of the nearest bodies that can exist."""
         return nearest_coordinates(pseudo_inertia(phi.reshape(-1, 10)), self.factor).reshape(-1)
+
+    def step_limits(self, theta: Float[Array, " m"]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+        """One, by which moments change 7 times at most."""
+        return -jnp.ones_like(theta), jnp.ones_like(theta)
+
+    def moved(self, theta: Float[Array, " m"], step: Float[Array, " m"]) -> Float[Array, " m"]:
+        """Their sum."""
+        return theta + step
 
     def at_border(self, theta: Float[Array, " m"]) -> Bool[Array, " n"]:
         """All ten of bodies that are all but flat, or without mass, next to the nominal ones."""
@@ -99,6 +117,14 @@ class CentralInertiaCoordinates(AbstractCoordinates):
         half_trace = 0.5 * jnp.trace(inertia, axis1=-2, axis2=-1)[:, None, None]
         second = half_trace * jnp.eye(3, dtype=phi.dtype)[None] - inertia
         return nearest_coordinates(second, self.factor).reshape(-1)
+
+    def step_limits(self, theta: Float[Array, " m"]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+        """One, by which moments change 7 times at most."""
+        return -jnp.ones_like(theta), jnp.ones_like(theta)
+
+    def moved(self, theta: Float[Array, " m"], step: Float[Array, " m"]) -> Float[Array, " m"]:
+        """Their sum."""
+        return theta + step
 
     def at_border(self, theta: Float[Array, " m"]) -> Bool[Array, " n"]:
         """All six of bodies that are all but flat next to the nominal ones."""
@@ -145,6 +171,20 @@ class BoundedCoordinates(AbstractCoordinates):
             (phi - self.origin) / self.scale, _inverse_softplus(above), -_inverse_softplus(below), jax.scipy.special.logit(fraction)
         )
 
+    def step_limits(self, theta: Float[Array, " m"]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+        """Those by which a distance from a bound shrinks to a tenth."""
+        part, share, rest = 1.0 - _LEAST_SHARE, jax.nn.sigmoid(theta), jax.nn.sigmoid(-theta)
+        above, below = part / _relative_slope(theta), part / _relative_slope(-theta)
+        free = jnp.full_like(theta, jnp.inf)
+        return self._choice(-free, -above, -free, -part / rest), self._choice(free, free, below, part / share)
+
+    def moved(self, theta: Float[Array, " m"], step: Float[Array, " m"]) -> Float[Array, " m"]:
+        """Those of the numbers to which their derivatives lead."""
+        share, rest = jax.nn.sigmoid(theta), jax.nn.sigmoid(-theta)
+        least = functools.partial(jnp.maximum, _LEAST_SHARE)
+        between = theta + jnp.log(least(1.0 + rest * step) / least(1.0 - share * step))
+        return self._choice(theta + step, _moved_above(theta, step), -_moved_above(-theta, -step), between)
+
     def at_border(self, theta: Float[Array, " m"]) -> Bool[Array, " n"]:
         """Those that are all but at their bounds."""
         phi = self.phi(theta)
@@ -168,3 +208,15 @@ def _all_but_singular(theta: Float[Array, "bodies each"], n: int) -> Bool[Array,
 
 def _inverse_softplus(y: jax.Array) -> jax.Array:
     return y + jnp.log(-jnp.expm1(-y))
+
+
+def _relative_slope(theta: jax.Array) -> jax.Array:
+    """The derivative of softplus, divided by it: one where it all but vanishes."""
+    inside = jnp.maximum(theta, _FAR)
+    return jnp.where(theta > _FAR, jax.nn.sigmoid(inside) / jax.nn.softplus(inside), 1.0)
+
+
+def _moved_above(theta: jax.Array, step: jax.Array) -> jax.Array:
+    """Where softplus has changed as its derivative says."""
+    ratio, inside = jnp.maximum(1.0 + _relative_slope(theta) * step, _LEAST_SHARE), jnp.maximum(theta, _FAR)
+    return jnp.where(theta > _FAR, _inverse_softplus(jax.nn.softplus(inside) * ratio), theta + jnp.log(ratio))

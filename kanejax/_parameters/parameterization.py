@@ -82,6 +82,17 @@ class Parameterization(eqx.Module):
         parts = zip(self.blocks, self._split(phi, 1), strict=True)
         return jnp.concatenate([each.coordinates.theta(part) for each, part in parts])
 
+    def step_limits(self, theta: Float[Array, " m"]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+        """Least and greatest step along the coordinates that `moved` takes: derivatives vanish near the borders."""
+        parts = zip(self.blocks, self._split(theta, 0), strict=True)
+        least, greatest = zip(*(each.coordinates.step_limits(part) for each, part in parts), strict=True)
+        return jnp.concatenate(least), jnp.concatenate(greatest)
+
+    def moved(self, theta: Float[Array, " m"], step: Float[Array, " m"]) -> Float[Array, " m"]:
+        """The coordinates after a step within the limits; single numbers change as their derivatives say."""
+        parts = zip(self.blocks, self._split(theta, 0), self._split(step, 0), strict=True)
+        return jnp.concatenate([each.coordinates.moved(*rest) for each, *rest in parts])
+
     def at_border(self, theta: Float[Array, " m"]) -> Bool[Array, " n"]:
         """Which numbers in phi are all but at their bounds, and which belong to bodies that are all but flat or without mass."""
         parts = zip(self.blocks, self._split(theta, 0), strict=True)

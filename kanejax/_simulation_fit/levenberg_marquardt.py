@@ -1,7 +1,9 @@
 """Steps of Gauss, Newton, Levenberg and Marquardt for multiple shooting.
 
 The damping shortens a step in all unknowns: the parameters' steps are held by the lengths of their columns (Marquardt 1963), and of
-what only the states of the pieces change, the share 1 / (1 + damping) is taken.
+what only the states of the pieces change, the share 1 / (1 + damping) is taken. In free coordinates derivatives vanish near a border:
+a number that one step took there would never come back. So numbers with bounds move as the derivatives by the numbers say, and no
+step goes farther than nine tenths of the way.
 """
 
 from typing import NamedTuple
@@ -42,18 +44,36 @@ def proposal(
     columns, target = _system(parameterization, theta, at.factor)
     lengths = jnp.linalg.norm(columns, axis=0)
     scale = jnp.maximum(lengths, jnp.finfo(theta.dtype).eps * jnp.max(lengths, initial=1e-30))
-    stacked = jnp.concatenate((columns / scale[None], jnp.sqrt(damping) * jnp.eye(len(theta), dtype=theta.dtype)))
-    # A column of the right-hand side more gives Q^T b.
-    whole = jnp.concatenate((stacked, jnp.append(target, jnp.zeros_like(theta))[:, None]), 1)
-    triangle = jnp.linalg.qr(whole, mode="r")
-    step = -jax.scipy.linalg.solve_triangular(triangle[:-1, :-1], triangle[:-1, -1]) / scale
+    damped = jnp.concatenate((columns / scale[None], jnp.sqrt(damping) * jnp.eye(len(theta), dtype=theta.dtype)))
+    limits = (limit * scale for limit in parameterization.step_limits(theta))
+    step = _limited(damped, jnp.append(target, jnp.zeros_like(theta)), *limits) / scale
+    moved = parameterization.moved(theta, step)
     share = 1.0 / (1.0 + damping)
-    change = jnp.append(parameterization.phi(theta + step) - parameterization.phi(theta), share)
+    change = jnp.append(parameterization.phi(moved) - parameterization.phi(theta), share)
     own = at.back[..., -1]
     lowered = jnp.sum(target**2) - jnp.sum((_times(columns, step) + target) ** 2) + (1.0 - (1.0 - share) ** 2) * jnp.sum(own**2)
     size = jnp.maximum(jnp.linalg.norm(target), jnp.finfo(theta.dtype).tiny)
     slope = jnp.max(jnp.abs(_times(columns.T, target)) / scale, initial=0.0) / size
-    return Proposal(theta + step, starts + _states_step(at.back, change), lowered, slope)
+    return Proposal(moved, starts + _states_step(at.back, change), lowered, slope)
+
+
+def _limited(columns: jax.Array, target: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
+    """What makes `columns @ step + target` least; what would go beyond a limit stays there, and the rest makes the best of it."""
+    whole, farthest = _least(columns, target)
+    step = jnp.clip(farthest, low, high)
+    beyond = step != farthest
+    triangle, given = whole[:-1, :-1], jnp.where(beyond, step, 0.0)
+    # What stays is not sought any more; the ones keep the triangle regular.
+    rest = jnp.concatenate((jnp.where(beyond[None], 0.0, triangle), jnp.diag(beyond.astype(step.dtype))))
+    known = jnp.append(whole[:-1, -1] + _times(triangle, given), jnp.zeros_like(step))
+    return jnp.where(beyond, step, jnp.clip(_least(rest, known)[1], low, high))
+
+
+def _least(columns: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The triangle of columns and target, and what makes `columns @ step + target` least."""
+    # A column of the right-hand side more gives Q^T b.
+    triangle = jnp.linalg.qr(jnp.concatenate((columns, target[:, None]), 1), mode="r")
+    return triangle, -jax.scipy.linalg.solve_triangular(triangle[:-1, :-1], triangle[:-1, -1])
 
 
 def cost(parameterization: Parameterization, theta: jax.Array, at: Linearization) -> tuple[Float[Array, ""], Float[Array, ""]]:

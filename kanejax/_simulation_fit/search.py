@@ -15,7 +15,7 @@ from kanejax._simulation_fit.best import Best
 from kanejax._simulation_fit.levenberg_marquardt import MOST_DAMPING, Proposal, cost, next_damping, proposal
 from kanejax._simulation_fit.recorded import Recorded
 from kanejax._simulation_fit.search_state import LOOSE, Place, State, first_state, in_round, on_device, with_ends
-from kanejax._simulation_fit.shooting import Linearization, Shooting, linearized
+from kanejax._simulation_fit.shooting import NUMBERS, Linearization, Shooting, linearized
 from kanejax._simulation_fit.simulation_fit import Iteration, SimulationFit
 
 # Standard deviations that change by less than this are not estimated again, and not more often than this.
@@ -100,10 +100,8 @@ class Search:
         self.state = state = state._replace(place=state.place._replace(sigma=sigma)) if is_other else state
         if not is_other or state.used >= max_iterations or state.round + 1 == _SIGMA_ROUNDS:
             return None
-        place = state.place
-        if self.shooting.robust:
-            # Other residuals are far out now, and the fit moves, which tight gaps would make a long way.
-            place = place._replace(tightness=np.full(len(place.thetas), LOOSE))
+        # With other standard deviations the fit moves, which tight gaps would make a long way.
+        place = state.place._replace(tightness=np.full(len(state.place.thetas), LOOSE))
         return in_round(state._replace(round=state.round + 1), place)
 
     def _descend(self, window: float | None, max_iterations: int) -> None:
@@ -266,7 +264,7 @@ _NOTHING = "the simulation from the start comes to nothing; start with short win
 @eqx.filter_jit
 def _point(shooting: Shooting, thetas: jax.Array, states: jax.Array, sigma: jax.Array, tightness: jax.Array) -> _Point:
     def one(theta: jax.Array, states: jax.Array, tightness: jax.Array) -> _Point:
-        at = linearized(shooting, shooting.parameterization.phi(theta), states, sigma, tightness)
+        at = linearized(shooting, shooting.parameterization.phi(theta), states, sigma, tightness, max(NUMBERS // len(thetas), 1))
         return _Point(at, *cost(shooting.parameterization, theta, at))
 
     return jax.vmap(one)(thetas, states, tightness)

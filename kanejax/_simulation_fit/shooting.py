@@ -26,8 +26,8 @@ from kanejax._simulate.control import Controlled
 from kanejax._simulate.system import System, rates
 from kanejax._simulation_fit.windows import Pieces
 
-# Numbers in the Jacobian of as many pieces as are taken up at a time.
-_NUMBERS = 2**18
+# Numbers in the Jacobian of as many pieces as are taken up at a time, of all starts together.
+NUMBERS = 2**19
 
 
 class Measured(NamedTuple):
@@ -124,12 +124,16 @@ def linearized(
     starts: Float[Array, "pieces nx"],
     sigma: Float[Array, "noutput nv"],
     tightness: Float[Array, ""],
+    numbers: int = NUMBERS,
 ) -> Linearization:
-    """Simulate all pieces from their `starts`, and compress how residuals, and gaps times `tightness`, depend on everything."""
+    """Simulate all pieces from their `starts`, and compress how residuals, and gaps times `tightness`, depend on everything.
+
+    As many pieces are taken up at a time as have so many `numbers` in their Jacobian.
+    """
     pieces = _pieces(shooting, phi, starts)
     number, length = shooting.inside.shape
     size, nx = len(phi), starts.shape[-1]
-    blocks = -(-number * length * sigma.size * (nx + size) // _NUMBERS)
+    blocks = min(number, -(-number * length * sigma.size * (nx + size) // numbers))
     # A state is held by next to nothing, so that what no output shows does not move.
     least = (1e-3 if phi.dtype == jnp.float64 else 1e-2) / jnp.max(sigma)
     held = jnp.eye(nx, nx + size + 1, dtype=phi.dtype) * least

@@ -240,6 +240,43 @@ def test_bounds_hold_for_all_coordinates(plant, low, high, dtype):
     assert np.isfinite(slopes).all()
 
 
+@jax.jit
+def before_and_after(p, thetas, shares):
+    """Steps that are shares of those allowed, of 5 where there is no limit; where they lead, and where derivatives do."""
+
+    def of(theta, share):
+        least, greatest = p.step_limits(theta)
+        step = jnp.where(share < 0, -jnp.maximum(least, -5.0), jnp.minimum(greatest, 5.0)) * share
+        phi, change = jax.jvp(p.phi, (theta,), (step,))
+        new = p.moved(theta, step)
+        return jnp.concatenate((least, greatest, step, phi, change, new, p.phi(new)))
+
+    return jax.vmap(lambda theta: jax.vmap(lambda share: of(theta, share))(shares))(thetas)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
+@pytest.mark.parametrize(("low", "high"), [(-1.0, np.inf), (-np.inf, 2.0), (-1.0, 2.0), (-np.inf, np.inf)])
+def test_numbers_move_as_their_derivatives_say_and_not_up_to_a_bound(plant, low, high, dtype):
+    given = jax.tree.map(lambda x: x.astype(dtype), plant)
+    bounds = tuple(None if np.isinf(bound) else bound for bound in (low, high))
+    p = parameterization(given, [Unknown("offset", "yaw", bounds=bounds)])
+    thetas = jnp.asarray([-60.0, -25.0, -19.9, -3.0, -0.5, 0.4, 6.0, 19.9, 25.0, 60.0], dtype)[:, None]
+    found = np.asarray(before_and_after(p, thetas, jnp.asarray([-1.0, -0.5, -1e-3, 1e-3, 0.5, 1.0], dtype)))
+    least, greatest, step, phi, change, new, reached = np.moveaxis(found, -1, 0)
+    assert np.isinf(least).all() if low == -np.inf else (least[:4] > -5.0).all()
+    assert np.isinf(greatest).all() if high == np.inf else (greatest[-4:] < 5.0).all()
+    assert np.isfinite(new).all()
+    assert (np.sign(new - thetas) == np.sign(step))[np.abs(change) > 1e-6].all()
+    tolerance = 100 * float(jnp.finfo(dtype).eps)
+    np.testing.assert_allclose(reached, phi + change, rtol=tolerance, atol=tolerance)
+    # A tenth of the distance from a bound is left, however small it is.
+    for bound, side in ((low, -1.0), (high, 1.0)):
+        if np.isfinite(bound):
+            far = np.abs(bound - phi)
+            assert (np.abs(bound - reached) >= 0.099 * far - tolerance).all()
+            assert (side * (bound - reached) >= 0).all()
+
+
 def test_bounds_of_each_number(plant):
     low, high = [0.1, 0.0, -0.1], [0.3, 0.2, 0.1]
     p = parameterization(plant, [Unknown("com", "arm", bounds=(low, high))])

@@ -179,6 +179,15 @@ def test_runs_of_other_lengths_and_samples_that_do_not_count(arm):
     np.testing.assert_allclose(fit.predicted[1].q, second.q, atol=5 * SIGMA)
 
 
+@pytest.mark.parametrize("factor", [(3.0, 0.02), (0.01, 0.01), (30.0, 30.0)])
+def test_far_starts_end_where_near_ones_do(arm, noisy, factor):
+    """On the word of the first derivatives, masses would go to zero, where nothing says that they should come back."""
+    fit = fit_simulation(sought(arm, factor=np.array(factor)), [moved(arm, SIGMA)], substeps=4)
+    assert fit.converged, fit.message
+    assert fit.iterations < 30
+    np.testing.assert_allclose(fit.phi, noisy.phi, rtol=0, atol=1e-3 * deviations(noisy).min())
+
+
 def test_a_start_from_which_the_simulation_diverges(arm):
     """One piece, from masses so wrong that whole steps would leave all that is sensible."""
     far = sought(arm, factor=np.array([0.7, 1.3]))
