@@ -71,10 +71,10 @@ class Store:
         folder = self.path / LAST / "c"
         names = [entry.name for entry in os.scandir(folder)] if folder.is_dir() else []
         for chunk in (int(name) for name in names if name.isdecimal() and int(name) < self.chunks):
-            files = [self._file(name, chunk) for name in self._arrays]
-            for file in files:
-                self._refuse_links(file)
-            found[chunk] = all(os.path.isfile(file) for file in files)
+            parts = [self._parts(name, chunk) for name in self._arrays]
+            for each in parts:
+                self._refuse_links(each)
+            found[chunk] = all(os.path.isfile(os.path.join(self.path, *each)) for each in parts)
         return found
 
     def rows(self, chunk: int) -> range:
@@ -90,27 +90,29 @@ class Store:
         """
         rows = self.rows(chunk)
         for name in (*(name for name in self._arrays if name != LAST), LAST):
-            file = self._file(name, chunk)
-            self._clear(file)
+            file = self._cleared(self._parts(name, chunk))
             self._arrays[name][rows.start : rows.stop] = arrays[name]
             to_disk(file)
 
-    def _file(self, name: str, chunk: int) -> Path:
-        rest = ("0" for _ in self._layout[name].shape[1:])
-        return self.path.joinpath(name, "c", str(chunk), *rest)
+    def _parts(self, name: str, chunk: int) -> tuple[str, ...]:
+        """Folders and name of a file, below the store."""
+        return name, "c", str(chunk), *("0" for _ in self._layout[name].shape[1:])
 
-    def _clear(self, file: Path) -> None:
-        """Take away what an interrupted writing of this chunk left."""
-        self._refuse_links(file)
+    def _cleared(self, parts: tuple[str, ...]) -> Path:
+        """A file, without what an interrupted writing of this chunk left beside it."""
+        self._refuse_links(parts)
+        file = self.path.joinpath(*parts)
         for left in file.parent.glob(f"{file.name}.*.partial"):
             left.unlink(missing_ok=True)
+        return file
 
-    def _refuse_links(self, file: Path) -> None:
+    def _refuse_links(self, parts: tuple[str, ...]) -> None:
         """Links could lead out of the store."""
-        place = self.path
-        for part in file.relative_to(self.path).parts:
-            place /= part
-            if place.is_symlink():
+        place = os.fspath(self.path)
+        # There may be millions: strings, since paths take five times as long.
+        for part in parts:
+            place = f"{place}{os.sep}{part}"
+            if os.path.islink(place):
                 raise DatasetError(f"{place} is a link; a data set has none, and nothing is read or written where it leads")
 
 

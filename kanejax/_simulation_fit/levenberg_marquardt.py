@@ -1,9 +1,9 @@
 """Steps of Gauss, Newton, Levenberg and Marquardt for multiple shooting.
 
 The damping shortens a step in all unknowns: the parameters' steps are held by the lengths of their columns (Marquardt 1963), and of
-what only the states of the pieces change, the share 1 / (1 + damping) is taken. In free coordinates derivatives vanish near a border:
-a number that one step took there would never come back. So numbers with bounds move as the derivatives by the numbers say, and no
-step goes farther than nine tenths of the way.
+what only the states of the pieces change, the share 1 / (1 + damping) is taken. Derivatives by free coordinates vanish near a
+border: a number that one step took there would never come back. So numbers with bounds move as derivatives by the numbers say, and
+no step goes farther than nine tenths of the way.
 """
 
 from typing import NamedTuple
