@@ -14,6 +14,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 
 def fingerprint_of(*values: Any) -> str:
@@ -33,7 +34,7 @@ class _Hashes:
         """Hash of a value with its kind, so that no two values of different kinds are the same."""
         if value is None or isinstance(value, str | bytes | bool | int | float | complex | enum.Enum | types.EllipsisType):
             return _joined(type(value).__name__, repr(value))
-        if isinstance(value, jax.core.Tracer):
+        if isinstance(value, Tracer):
             return _joined("traced", str(value.aval))  # Left behind by a function's side effect; it has no number.
         if isinstance(value, jax.Array | np.ndarray | np.generic | jax.ShapeDtypeStruct):
             return _of_array(value)
