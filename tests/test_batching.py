@@ -172,7 +172,7 @@ def two_devices():
 @pytest.mark.parametrize("how", ["checked", "unchecked", "auto", "explicit"])
 def test_two_devices_compute_what_one_does(two_devices, how):
     errors = two_devices[how]
-    assert len(errors) >= 2
+    assert errors
     assert {case: error for case, error in errors.items() if not error < 1e-12} == {}
 
 

@@ -11,8 +11,6 @@ ROBOTS = {
     "example-robot-data": (
         "panda_description/urdf/panda.urdf",
         "ur_description/urdf/ur5_robot.urdf",
-        "tiago_description/robots/tiago_no_hand.urdf",
-        "baxter_description/urdf/baxter.urdf",
         "talos_data/robots/talos_reduced.urdf",
     ),
     "dm-control": (

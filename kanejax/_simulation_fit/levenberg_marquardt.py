@@ -46,7 +46,7 @@ def proposal(
     scale = jnp.maximum(lengths, jnp.finfo(theta.dtype).eps * jnp.max(lengths, initial=1e-30))
     damped = jnp.concatenate((columns / scale[None], jnp.sqrt(damping) * jnp.eye(len(theta), dtype=theta.dtype)))
     limits = (limit * scale for limit in parameterization.step_limits(theta))
-    step = _limited(damped, jnp.append(target, jnp.zeros_like(theta)), *limits) / scale
+    step = limited(damped, jnp.append(target, jnp.zeros_like(theta)), *limits) / scale
     moved = parameterization.moved(theta, step)
     share = 1.0 / (1.0 + damping)
     change = jnp.append(parameterization.phi(moved) - parameterization.phi(theta), share)
@@ -57,7 +57,7 @@ def proposal(
     return Proposal(moved, starts + _states_step(at.back, change), lowered, slope)
 
 
-def _limited(columns: jax.Array, target: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
+def limited(columns: jax.Array, target: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
     """What makes `columns @ step + target` least; what would go beyond a limit stays there, and the rest makes the best of it."""
     whole, farthest = _least(columns, target)
     step = jnp.clip(farthest, low, high)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.optimize
 from helpers.mechanisms import random_tree
 
 import kanejax as kj
@@ -17,6 +18,7 @@ from kanejax._parameters.joint_force import Mechanism, joint_force
 from kanejax._parameters.parameterization import parameterization
 from kanejax._parameters.plant import Drives, Plant, drive_force
 from kanejax._parameters.unknowns import Unknown
+from kanejax._simulation_fit.levenberg_marquardt import limited
 from kanejax._simulation_fit.recorded import recorded
 from kanejax._simulation_fit.runge_kutta import RungeKutta4
 from kanejax._simulation_fit.shooting import Shooting, linearized, shifted
@@ -186,6 +188,19 @@ def test_far_starts_end_where_near_ones_do(arm, noisy, factor):
     assert fit.converged, fit.message
     assert fit.iterations < 30
     np.testing.assert_allclose(fit.phi, noisy.phi, rtol=0, atol=1e-3 * deviations(noisy).min())
+
+
+def test_what_would_go_beyond_a_limit_stays_there_and_the_rest_makes_the_best_of_it():
+    rng = np.random.default_rng(0)
+    columns, target = jnp.asarray(rng.normal(size=(8, 3))), jnp.asarray(rng.normal(size=8))
+    best = np.linalg.lstsq(columns, -target)[0]
+    far = np.full(3, np.inf)
+    np.testing.assert_allclose(limited(columns, target, jnp.asarray(-far), jnp.asarray(far)), best, rtol=0, atol=1e-14)
+    for i, low, high in ((0, -1.0, 0.5), (1, 0.5, 2.0)):
+        bounds = [-far, far.copy()]
+        bounds[0][i], bounds[1][i] = sorted((low * best[i], high * best[i]))
+        expected = scipy.optimize.lsq_linear(columns, -target, (bounds[0], bounds[1]), tol=1e-14).x
+        np.testing.assert_allclose(limited(columns, target, *map(jnp.asarray, bounds)), expected, rtol=0, atol=1e-9)
 
 
 def test_a_start_from_which_the_simulation_diverges(arm):
