@@ -6,6 +6,7 @@ computation of several loops gives each a part of the checkpoint.
 """
 
 import contextlib
+import io
 import os
 import time
 from collections.abc import Iterator
@@ -136,8 +137,11 @@ class _File:
             state = kept() if callable(kept) else kept
             arrays |= {name: np.asarray(leaf) for name, leaf in zip(_names(part, state), jax.tree.leaves(state), strict=True)}
         try:
-            with whole_file(self.path) as partial, partial.open("wb") as file:
-                np.savez(file, **{_MARK: np.array(self._mark), **arrays})  # type: ignore[arg-type]
+            # In memory first: an archive on a full disk complains once more when it is forgotten.
+            content = io.BytesIO()
+            np.savez(content, **{_MARK: np.array(self._mark), **arrays})  # type: ignore[arg-type]
+            with whole_file(self.path) as partial:
+                partial.write_bytes(content.getbuffer())
             self._is_new = False
         except OSError as error:
             if not self._failed:

@@ -173,6 +173,7 @@ def test_other_trajectories_are_refused(whole, study, tmp_path):
 @pytest.mark.parametrize(
     "content",
     [b"", b"{", b"[]", b'{"attributes": 3}', b"\xff\xfe", b"[" * 100000, b'{"attributes": {"seed": 5}, "zarr_format": 2}'],
+    ids=["nothing", "cut", "list", "number", "no text", "nested", "other format"],
 )
 def test_metadata_that_someone_else_wrote_is_not_believed(whole, study, tmp_path, content):
     again = tmp_path / "again.zarr"
