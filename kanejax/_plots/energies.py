@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 def energies(model: AnyModel, path: Any) -> "matplotlib.figure.Figure":
     """Kinetic and potential energy and their sum over time; below, by how much the sum has changed.
 
-    The change is relative to the greatest kinetic energy of the motion, which, unlike the sum, does not depend on where the potential
-    energy is zero. Where nothing moves it is in J. Without friction and other forces than gravity and springs it is the solver's error.
+    The change is relative to the greatest kinetic energy of the motion, which, unlike the sum, does not depend on where the
+    potential energy is zero. Where nothing moves it is in J. Without friction and forces other than gravity and springs it is the
+    solver's error.
 
     Args:
         model: the mechanism.

@@ -41,7 +41,7 @@ class Panel(NamedTuple):
 
 
 def panels_of(tree: Tree, joints: str | Iterable[str] | None = None) -> list[Panel]:
-    """The panels of some joints, by default of all; two of a free joint, one for position and one for orientation.
+    """The panels of some joints, by default of all; two of a free joint, one for translation and one for rotation.
 
     Raises:
         UnknownNameError: a joint is not in the model; the message lists those that are.
@@ -72,7 +72,7 @@ def _panels(tree: Tree, joint: int) -> list[Panel]:
     if kind == "ball":
         return [_turning(name, name, q, v)]
     moving = _quantities(q, v, ("m", "m/s", "N"), _XYZ)
-    return [Panel(name, f"{name}, position", *moving, plain=False), _turning(name, f"{name}, orientation", q + 3, v + 3)]
+    return [Panel(name, f"{name}, translation", *moving, plain=False), _turning(name, f"{name}, rotation", q + 3, v + 3)]
 
 
 def _quantities(q: int, v: int, units: tuple[str, str, str], parts: tuple[str, ...] = ()) -> list[Quantity]:
