@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from kanejax._errors import UnknownNameError
 from kanejax._model.tree import Tree
+from kanejax._plots.arrays import PlotError
 
 _XYZ, _WXYZ = ("x", "y", "z"), ("w", "x", "y", "z")
 
@@ -44,9 +45,12 @@ def panels_of(tree: Tree, joints: str | Iterable[str] | None = None) -> list[Pan
     """The panels of some joints, by default of all; two of a free joint, one for translation and one for rotation.
 
     Raises:
+        PlotError: there are none.
         UnknownNameError: a joint is not in the model; the message lists those that are.
     """
     names = tree.joint_names if joints is None else (joints,) if isinstance(joints, str) else tuple(joints)
+    if not names:
+        raise PlotError("there are no joints to draw")
     return [panel for name in names for panel in _panels(tree, tree.joint(name))]
 
 

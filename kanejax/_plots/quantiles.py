@@ -71,7 +71,7 @@ def _quantiles(values: Float[np.ndarray, "batch n k"], at: Float[np.ndarray, " l
     """Of what is finite; nan where nothing is."""
     real = np.where(np.isfinite(values), values, np.nan)
     some = np.isfinite(real).any(axis=0)
-    return np.where(some, np.nanquantile(np.where(some, real, 0.0), at.astype(real.dtype), axis=0), np.nan)
+    return np.where(some, np.nanquantile(np.where(some, real, 0.0), at, axis=0), np.nan)
 
 
 def _draw(axes: "matplotlib.axes.Axes", ts: np.ndarray, bands: Float[np.ndarray, "levels n"], held: bool) -> None:

@@ -80,8 +80,7 @@ def torque_fit(
     rows = -(-len(signals) // columns)
     figure = new_figure(9.0, 0.8 + 2.5 * rows)
     figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
-    ratios = {"height_ratios": (2, 1) * rows}
-    everyone = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, **ratios)
+    everyone = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, height_ratios=(2, 1) * rows)
     names, units = signal_names(found), signal_units(found)
     for place in range(rows * columns):
         upper, lower = everyone[2 * (place // columns) : 2 * (place // columns) + 2, place % columns]
@@ -133,8 +132,9 @@ def residuals(
         left.set_title(names[signal], loc="left", fontsize="medium", fontweight="bold")
         left.set_ylabel(units[signal])
         draw_spectrum(right, found.noise.frequency, found.noise.density[:, signal], units[signal], PAPER)
-        right.label_outer()
         _plain_frequencies(right)
+    for right in rows[:-1, 1]:
+        right.set_xlabel("")
     rows[0, 1].set_title("spectrum, of the runs that were fitted", loc="left", fontsize="medium")
     rows[-1, 0].set_xlabel("time [s]")
     explain(figure, [(_WORDS[kind], {"color": PAPER[kind]}) for kind in ("nominal", "predicted")])
