@@ -21,19 +21,25 @@ _WIDTH, _HEIGHT, _REST = 9.0, 1.65, 0.7
 
 def grid_of(panels: Sequence[Panel]) -> "tuple[matplotlib.figure.Figure, list[matplotlib.axes.Axes]]":
     """A figure with a panel each over the same time, row by row, with the panels' titles."""
-    columns = 1 if len(panels) < 3 else 2 if len(panels) < 15 else 3
+    columns = 1 if len(panels) < 4 else 2 if len(panels) < 15 else 3
     rows = -(-len(panels) // columns)
-    figure = new_figure(_WIDTH, _REST + _HEIGHT * rows * (1.25 if columns == 1 else 1.0))
+    figure = new_figure(_WIDTH, _REST + _HEIGHT * rows)
     everyone = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     for unused in everyone[len(panels) :]:
         unused.remove()
     shown = list(everyone[: len(panels)])
     for axes, panel in zip(shown, panels, strict=True):
         axes.set_title(panel.title, loc="left", fontsize="medium", fontweight="bold")
-    for axes in shown[-columns:]:
-        axes.set_xlabel("time [s]")
-        axes.tick_params(labelbottom=True)
+    label_times(shown, columns)
     return figure, shown
+
+
+def label_times(shown: "Sequence[matplotlib.axes.Axes]", columns: int) -> None:
+    """Numbers under the last panel of each column, and what they are under those of the last row."""
+    for axes in shown[-columns:]:
+        axes.tick_params(labelbottom=True)
+    for axes in shown[(len(shown) - 1) // columns * columns :]:
+        axes.set_xlabel("time [s]")
 
 
 def draw_series(axes: "matplotlib.axes.Axes", found: Series, quantity: Quantity, colors: Colors) -> None:

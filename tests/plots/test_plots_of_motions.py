@@ -327,10 +327,12 @@ def test_shapes_that_do_not_fit_are_refused_by_name(model, path, many):
     def refused(text):
         return pytest.raises(plots.PlotError, match=text)
 
-    with refused(r"path.ts has shape \(8, 31\), but one motion has \(n,\); choose one with jax.tree.map.*kj.plots.quantiles"):
-        plots.coordinates(model, many)
-    with refused(r"path.q has shape \(8, 31, 13\), but one motion has \(n, nq\) = \(n, 13\); choose one"):
-        plots.motion(model, cut(many, ts=path.ts))
+    batch = r"path.q has shape \(8, 31, 13\), but one motion has \(n, nq\) = \(n, 13\); choose one with jax.tree.map.*quantiles"
+    for draw in (plots.coordinates, plots.motion, plots.energies):
+        with refused(batch):
+            draw(model, many)
+    with refused(r"path.ts has shape \(8, 31\), but a plot needs \(n,\)"):
+        plots.coordinates(model, cut(path, ts=many.ts))
     with refused(r"path.u has shape \(31, 13\), but this model needs \(n, nv\) = \(n, 11\); give the model that the motion is of"):
         plots.speeds(model, cut(path, u=path.q))
     with refused(r"path.q has 31 rows, but path.ts has 30 times; give 30 rows"):
