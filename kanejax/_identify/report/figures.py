@@ -11,7 +11,7 @@ from kanejax._identify.result import Comparison, Estimate, Identification
 from kanejax._plots.arrays import PlotError
 from kanejax._plots.drawing import explain, label_times
 from kanejax._plots.fit import FIT_LINES, draw_fit, draw_residuals, draw_spectrum
-from kanejax._plots.style import PAPER, needed_package, new_figure, on_paper
+from kanejax._plots.style import PAPER, new_figure, on_paper, plot_package
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -143,7 +143,7 @@ def residuals(
 
 def _plain_frequencies(axes: "matplotlib.axes.Axes") -> None:
     """Numbers at 1, 2, 5, 10, ... Hz: a run seldom spans many powers of ten."""
-    ticker = needed_package("matplotlib.ticker", "kanejax.plots", "plots")
+    ticker = plot_package("matplotlib.ticker")
     axes.xaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")
 
