@@ -1,0 +1,94 @@
+"""Pages that are not in docs/: files of the root, parts of the README, and the notebooks."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import nbformat
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File, Files
+from nbconvert import MarkdownExporter
+
+ROOT = Path(__file__).parents[2]
+NOTEBOOKS = "notebooks/"
+# Pages made of whole files, which are left out while there is no such file.
+WHOLE = {"errata.md": "experiments/errata.md", "changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}
+# `<!-- README: Performance -->` becomes what the README has under that heading.
+INCLUDED = re.compile(r"<!-- README: (.+?) -->")
+# Files that are pages here, and files that are not.
+PAGES = {file: page for page, file in WHOLE.items()} | {"README.md": "index.md"}
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """List the notebooks where the navigation has their folder, and leave out pages whose file is missing."""
+    missing = [page for page, file in WHOLE.items() if not (ROOT / file).is_file()]
+    notebooks = [{_title(path): f"{NOTEBOOKS}{path.stem}.md"} for path in _notebooks()]
+    nav: list[Any] = []
+    for entry in config.nav or []:
+        ((title, pages),) = entry.items()
+        if pages == NOTEBOOKS:
+            nav += [{title: notebooks}] if notebooks else []
+        elif pages not in missing:
+            nav.append(entry)
+    config.nav = nav
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages."""
+    for page, file in WHOLE.items():
+        if (ROOT / file).is_file():
+            files.append(File.generated(config, page, content=(ROOT / file).read_text()))
+    for path in _notebooks():
+        for name, content in _converted(path).items():
+            files.append(File.generated(config, NOTEBOOKS + name, content=content))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Put parts of the README in their place, and turn links that are written for the root into links of this page."""
+    uri = page.file.src_uri
+    markdown = INCLUDED.sub(lambda match: _from_root(_section(match[1])), markdown)
+    return _from_root(markdown) if uri in WHOLE else markdown
+
+
+def _notebooks() -> list[Path]:
+    return sorted((ROOT / "notebooks").glob("*.ipynb"))
+
+
+def _title(path: Path) -> str:
+    """The notebook's first heading."""
+    for cell in nbformat.read(path, as_version=4).cells:
+        found = re.search(r"^# (.+)", cell.source, re.MULTILINE) if cell.cell_type == "markdown" else None
+        if found:
+            return found[1]
+    raise PluginError(f"{path} has no heading; its first cell of Markdown must begin with '# '")
+
+
+def _converted(path: Path) -> dict[str, str | bytes]:
+    """The page of an executed notebook, and its pictures."""
+    text, resources = MarkdownExporter().from_filename(str(path), resources={"output_files_dir": f"{path.stem}_files"})
+    return {f"{path.stem}.md": text} | resources.get("outputs", {})
+
+
+def _section(heading: str) -> str:
+    """What the README has between a heading of level two and the next."""
+    found = re.search(rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", (ROOT / "README.md").read_text(), re.DOTALL | re.MULTILINE)
+    if not found:
+        raise PluginError(f"the README has no heading {heading!r}")
+    return found[1].strip()
+
+
+def _from_root(markdown: str) -> str:
+    """Links to files of the repository as links to their pages; what is no page stays as code."""
+
+    def link(match: re.Match[str]) -> str:
+        text, target, anchor = match[1], match[2], match[3] or ""
+        if target in PAGES:
+            return f"[{text}]({PAGES[target]}{anchor})"
+        if target.startswith("docs/"):
+            return f"[{text}]({target.removeprefix('docs/')}{anchor})"
+        return match[0]
+
+    return re.sub(r"\[([^\]]*)\]\(([\w./-]+)(#[\w-]+)?\)", link, markdown)
