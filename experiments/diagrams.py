@@ -3,6 +3,8 @@
 `python experiments/diagrams.py` writes docs/diagrams/*.svg, the same bytes every time.
 """
 
+import contextlib
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -317,7 +319,7 @@ DIAGRAMS: dict[str, tuple[tuple[float, float], Callable[[Any], None]]] = {
 
 
 def draw(folder: Path) -> None:
-    """Write every diagram into a folder."""
+    """Write every diagram into a folder, and the picture that the page for beginners makes."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, (size, of) in DIAGRAMS.items():
         with plt.rc_context(STYLE):
@@ -325,6 +327,14 @@ def draw(folder: Path) -> None:
             of(figure)
             figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
             plt.close(figure)
+    begin = (FOLDER.parent / "getting_started.md").read_text()
+    with plt.rc_context(STYLE | {"axes.prop_cycle": mpl.cycler(color=[BLUE, ORANGE])}), contextlib.chdir(folder):
+        exec(
+            "".join(re.findall(r"```python\n(.*?)```", begin, re.DOTALL)).replace(
+                '"motion.svg"', '"motion.svg", metadata={"Date": None}'
+            ),
+            {},
+        )
 
 
 if __name__ == "__main__":
