@@ -325,7 +325,7 @@ def draw(folder: Path) -> None:
         with plt.rc_context(STYLE):
             figure = plt.figure(figsize=size, facecolor=PAPER)
             of(figure)
-            figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+            figure.savefig(folder / f"{name}.svg", metadata={"Date": None}, bbox_inches="tight", pad_inches=0.12)
             plt.close(figure)
     begin = (FOLDER.parent / "getting_started.md").read_text()
     with plt.rc_context(STYLE | {"axes.prop_cycle": mpl.cycler(color=[BLUE, ORANGE])}), contextlib.chdir(folder):

@@ -1,5 +1,6 @@
 """Pages that are not in docs/: files of the root, parts of the README, and the notebooks."""
 
+import posixpath
 import re
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,14 @@ NOTEBOOKS = "notebooks/"
 WHOLE = {"errata.md": "experiments/errata.md", "changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}
 # `<!-- README: Performance -->` becomes what the README has under that heading.
 INCLUDED = re.compile(r"<!-- README: (.+?) -->")
-# Files that are pages here, and files that are not.
+# Where links to files of the repository, and to parts of the README, lead here.
 PAGES = {file: page for page, file in WHOLE.items()} | {"README.md": "index.md"}
+PARTS = {
+    "README.md#identification": "identification.md",
+    "README.md#optimal-motions": "optimization.md",
+    "README.md#many-trajectories-many-devices": "scale.md",
+    "README.md#performance": "performance.md",
+}
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -47,10 +54,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Put parts of the README in their place, and turn links that are written for the root into links of this page."""
+    """Put parts of the README in their place, and lead links to files of the repository to their pages."""
     uri = page.file.src_uri
-    markdown = INCLUDED.sub(lambda match: _from_root(_section(match[1])), markdown)
-    return _from_root(markdown) if uri in WHOLE else markdown
+    written_in = "" if uri in WHOLE else posixpath.dirname(uri if uri.startswith(NOTEBOOKS) else f"docs/{uri}")
+    markdown = _with_links(markdown, written_in, uri)
+    return INCLUDED.sub(lambda match: _with_links(_section(match[1]), "", uri, "README.md"), markdown)
 
 
 def _notebooks() -> list[Path]:
@@ -80,15 +88,29 @@ def _section(heading: str) -> str:
     return found[1].strip()
 
 
-def _from_root(markdown: str) -> str:
-    """Links to files of the repository as links to their pages; what is no page stays as code."""
+def _with_links(markdown: str, folder: str, uri: str, file: str = "") -> str:
+    """Lead links that are written in a folder of the repository to pages, as seen from the page `uri`.
+
+    Files that are no pages lose the link. Links to `#part` are those of `file`, if it is given.
+    """
 
     def link(match: re.Match[str]) -> str:
-        text, target, anchor = match[1], match[2], match[3] or ""
-        if target in PAGES:
-            return f"[{text}]({PAGES[target]}{anchor})"
-        if target.startswith("docs/"):
-            return f"[{text}]({target.removeprefix('docs/')}{anchor})"
-        return match[0]
+        text, target, anchor = match[1], match[2] or "", match[3] or ""
+        if not target and not file:
+            return match[0]
+        meant = posixpath.normpath(posixpath.join(folder, target)) if target else file
+        if meant + anchor in PARTS:
+            meant, anchor = PARTS[meant + anchor], ""
+        elif meant in PAGES:
+            meant = PAGES[meant]
+        elif meant.startswith("docs/"):
+            meant = meant.removeprefix("docs/")
+        elif meant.startswith(NOTEBOOKS):
+            meant = meant.replace(".ipynb", ".md")
+        elif (ROOT / meant).exists():
+            return text
+        else:
+            return match[0]
+        return f"[{text}]({posixpath.relpath(meant, posixpath.dirname(uri) or '.')}{anchor})"
 
-    return re.sub(r"\[([^\]]*)\]\(([\w./-]+)(#[\w-]+)?\)", link, markdown)
+    return re.sub(r"\[([^\]]*)\]\(([\w./-]+)?(#[\w-]+)?\)", link, markdown)
