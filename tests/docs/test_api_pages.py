@@ -7,7 +7,6 @@ import pathlib
 import pkgutil
 import re
 
-
 import kanejax
 
 DOCS = pathlib.Path(kanejax.__file__).parents[1] / "docs"

@@ -86,7 +86,7 @@ def test_refusals(run):
     assert len(names["report"].ignored) == 1
 
 
-def parts(file, prefix, kind):
+def parts(file, prefix, kind) -> list[Any]:
     """Syntax of a kind in the functions of the loader whose names begin so."""
     module = ast.parse((ROOT / "kanejax" / "_io" / file).read_text())
     chosen = [node for node in module.body if isinstance(node, ast.FunctionDef) and node.name.startswith(prefix)]
@@ -100,7 +100,7 @@ def test_every_feature_that_the_code_refuses_or_leaves_out_is_on_the_page():
     messages = [
         part.values for file in ("unsupported.py", "urdf.py") for part in parts(file, ("_refused", "_mimic"), ast.JoinedStr)
     ]
-    firsts = [next(part.value for part in values if isinstance(part, ast.Constant)) for values in messages]
+    firsts = [next(str(part.value) for part in values if isinstance(part, ast.Constant)) for values in messages]
     refused = [re.split(r" \(option| of | \($|^joint ", text)[0].strip() for text in firsts]
     refused = [text for text in refused if len(text.split()) > 1]
     assert len(left_out) == 11
