@@ -15,6 +15,8 @@ ROOT = Path(__file__).parents[2]
 NOTEBOOKS = "notebooks/"
 # Pages made of whole files, which are left out while there is no such file.
 WHOLE = {"errata.md": "experiments/errata.md", "changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}
+# Pages whose tables need the room of what stands beside pages.
+WIDE = ("validation.md",)
 # `<!-- README: Performance -->` becomes what the README has under that heading.
 INCLUDED = re.compile(r"<!-- README: (.+?) -->")
 # Where links to files of the repository, and to parts of the README, lead here.
@@ -56,6 +58,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Put parts of the README in their place, and lead links to files of the repository to their pages."""
     uri = page.file.src_uri
+    if uri in WIDE:
+        page.meta["hide"] = ["navigation", "toc"]
     written_in = "" if uri in WHOLE else posixpath.dirname(uri if uri.startswith(NOTEBOOKS) else f"docs/{uri}")
     markdown = _with_links(markdown, written_in, uri)
     return INCLUDED.sub(lambda match: _with_links(_section(match[1]), "", uri, "README.md"), markdown)

@@ -1,5 +1,6 @@
 """Annotations and fields of the API pages, where griffe reads less than there is."""
 
+import ast
 import dataclasses
 from collections.abc import Iterator
 from typing import Any
@@ -18,8 +19,11 @@ class Shapes(griffe.Extension):
             _mend(annotation)
 
     def on_attribute_instance(self, *, attr: griffe.Attribute, **_: Any) -> None:
-        """Mend the annotation; an alias such as `Coordinates` has its shape in its value."""
+        """Mend the annotation, and take the meaning of a number of a body or joint from where it is defined."""
         _mend(attr.annotation)
+        if isinstance(attr.value, griffe.ExprCall) and str(attr.value.function) == "_Number":
+            attr.docstring = griffe.Docstring(ast.literal_eval(str(attr.value.arguments[1])), parent=attr)
+            attr.value = None
 
     def on_class_members(self, *, cls: griffe.Class, **_: Any) -> None:
         """List the fields, with their types alone, where the docstring does not."""
