@@ -17,8 +17,9 @@ lint: $(VENV)/.lint $(VENV)/.test  ## style, docstrings and types
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 
+# With --quiet, --strict would see no warnings.
 docs: $(VENV)/.docs  ## the pages of docs/ and the API, with all links checked; goes to results/site
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 validate: $(VENV)/.benchmark  ## every robot of example-robot-data and dm_control against MuJoCo and Pinocchio; half an hour
 	$(BIN)/python experiments/validate_robots.py

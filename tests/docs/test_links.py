@@ -76,3 +76,12 @@ def test_the_check_of_built_pages(links, tmp_path):
     assert sum("does not exist" in sentence for sentence in found) == 1
     assert sum("no such anchor" in sentence for sentence in found) == 3
     assert sum("another host" in sentence for sentence in found) == 1
+
+
+def test_diagrams_are_those_of_the_script():
+    from experiments import diagrams
+
+    pages = (ROOT / "docs" / "concepts.md").read_text()
+    assert set(re.findall(r"\(diagrams/(\w+)\.svg\)", pages)) == set(diagrams.DIAGRAMS)
+    assert {path.stem for path in (ROOT / "docs" / "diagrams").glob("*.svg")} == {*diagrams.DIAGRAMS, "motion"}
+    assert all(path.stat().st_size < 100_000 for path in (ROOT / "docs" / "diagrams").iterdir())
