@@ -14,7 +14,7 @@ DOCS = pathlib.Path(kanejax.__file__).parents[1] / "docs"
 
 def public_names():
     """Names of the package, and of its public modules but the command line, that are neither modules nor constants."""
-    names = [name for name in dir(kanejax) if not name.startswith("_") and not inspect.ismodule(getattr(kanejax, name))]
+    names = [name for name in dir(kanejax) if not name.startswith("_") and not inspect.ismodule(vars(kanejax).get(name))]
     found = {f"kanejax.{name}" for name in names}
     for module in pkgutil.iter_modules(kanejax.__path__):
         if module.name.startswith("_") or module.name == "cli":
@@ -22,6 +22,7 @@ def public_names():
         loaded = importlib.import_module(f"kanejax.{module.name}")
         names = {name for name, value in vars(loaded).items() if is_own(loaded, name, value)}
         found |= {f"kanejax.{module.name}.{name}" for name in names}
+        found.discard(f"kanejax.{module.name}")
     return found
 
 
