@@ -31,17 +31,22 @@ PARTS = {
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """List the notebooks where the navigation has their folder, and leave out pages whose file is missing."""
-    missing = [page for page, file in WHOLE.items() if not (ROOT / file).is_file()]
-    notebooks = [{_title(path): f"{NOTEBOOKS}{path.stem}.md"} for path in _notebooks()]
-    nav: list[Any] = []
-    for entry in config.nav or []:
-        ((title, pages),) = entry.items()
-        if pages == NOTEBOOKS:
-            nav += [{title: notebooks}] if notebooks else []
-        elif pages not in missing:
-            nav.append(entry)
-    config.nav = nav
+    config.nav = _with_what_there_is(config.nav or [])
     return config
+
+
+def _with_what_there_is(nav: list[Any]) -> list[Any]:
+    entries: list[Any] = []
+    for entry in nav:
+        ((title, pages),) = entry.items() if isinstance(entry, dict) else (("", entry),)
+        if pages == NOTEBOOKS:
+            notebooks = [{_title(path): f"{NOTEBOOKS}{path.stem}.md"} for path in _notebooks()]
+            entries += [{title: notebooks}] if notebooks else []
+        elif isinstance(pages, list):
+            entries.append({title: _with_what_there_is(pages)})
+        elif pages not in WHOLE or (ROOT / WHOLE[pages]).is_file():
+            entries.append(entry)
+    return entries
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
