@@ -146,7 +146,11 @@ def test_compile(run):
 def test_control(run):
     names = run("howto/control.md")
     assert np.all(np.isfinite(names["slope"]["p"]))
-    assert names["actions"].shape == (100, 3)
+    assert names["q_s"].shape == (100, 3)
+    assert np.linalg.norm(names["q_s"][-1] - names["goal"]) < 0.1
+    path = kj.simulate(names["model"], names["start"], names["rest"], names["ts"], events={"low": names["low"]})
+    assert path.status == kj.Status.EVENT
+    np.testing.assert_allclose(names["depth"](path.t_end, path.q_end, path.u_end), 0.0, atol=1e-6)
 
 
 @pytest.fixture(scope="module")
