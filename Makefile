@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.cache/jax
 
-.PHONY: demo test lint validate benchmark experiments identification trouble clean
+.PHONY: demo test lint docs validate benchmark experiments identification trouble clean
 
 demo: $(VENV)/.demo  ## load, validate, simulate and differentiate a real robot; writes results/demo.png
 	$(BIN)/python experiments/demo.py
@@ -16,6 +16,10 @@ lint: $(VENV)/.lint $(VENV)/.test  ## style, docstrings and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+
+# With --quiet, --strict would see no warnings.
+docs: $(VENV)/.docs  ## the pages of docs/ and the API, with all links checked; goes to results/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 validate: $(VENV)/.benchmark  ## every robot of example-robot-data and dm_control against MuJoCo and Pinocchio; half an hour
 	$(BIN)/python experiments/validate_robots.py
@@ -41,7 +45,7 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit("kanejax needs Python 3.12 or newer, and PYTHON is %d.%d: make PYTHON=python3.13" % sys.version_info[:2] if sys.version_info < (3, 12) else 0)'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.demo $(VENV)/.report $(VENV)/.test $(VENV)/.lint: $(VENV)/.%: pyproject.toml | $(VENV)/bin/python
+$(VENV)/.demo $(VENV)/.report $(VENV)/.test $(VENV)/.lint $(VENV)/.docs: $(VENV)/.%: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$*]'
 	touch $@
 
