@@ -30,7 +30,9 @@ def is_own(module, name, value):
     """Functions and classes of a module, not what it imports for its own use or shares with the package."""
     if name.startswith("_") or not (inspect.isfunction(value) or inspect.isclass(value)):
         return False
-    return value.__module__.startswith("kanejax.") and (value.__module__ == module.__name__ or module.__name__ == "kanejax.robots")
+    if module.__name__ in ("kanejax.plots", "kanejax.robots"):  # They gather what is defined elsewhere.
+        return value.__module__.startswith("kanejax.")
+    return value.__module__ == module.__name__
 
 
 def documented():
