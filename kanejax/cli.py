@@ -12,6 +12,7 @@ import typer
 
 from kanejax._cli.identify import identify
 from kanejax._cli.optimize import optimize
+from kanejax._cli.render import render
 from kanejax._cli.simulate import simulate
 from kanejax._cli.terminal import (
     BAD_INPUT,
@@ -33,6 +34,7 @@ from kanejax._cli.terminal import (
     use_compilation_cache,
     with_options,
 )
+from kanejax._cli.view import view
 from kanejax._errors import KanejaxError
 
 app = typer.Typer(
@@ -130,6 +132,8 @@ def info(
 app.command(epilog=EXIT_CODES)(simulate)
 app.command(epilog=EXIT_CODES)(identify)
 app.command(epilog=EXIT_CODES)(optimize)
+app.command(epilog=EXIT_CODES)(view)
+app.command(epilog=EXIT_CODES)(render)
 
 
 if __name__ == "__main__":

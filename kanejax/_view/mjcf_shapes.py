@@ -86,9 +86,7 @@ def _mesh_files(root: ElementTree.Element, path: Path, origin: str, ngeom: int) 
     return {number: _MeshFile(mesh, spec, folders.bases, folders.roots) for number, mesh in named.items()}
 
 
-def _geom(
-    compiled: mujoco.MjModel, geom: int, file: _MeshFile | None, color: Rgb, owner: str
-) -> tuple[Surface, ...]:
+def _geom(compiled: mujoco.MjModel, geom: int, file: _MeshFile | None, color: Rgb, owner: str) -> tuple[Surface, ...]:
     kind = int(compiled.geom_type[geom])
     if kind == int(_GEOM.mjGEOM_MESH):
         return (surface(_compiled_mesh(compiled, int(compiled.geom_dataid[geom])), color),)
@@ -107,7 +105,9 @@ def _compiled_mesh(compiled: mujoco.MjModel, mesh: int) -> Float[np.ndarray, "m 
 
 def _look(compiled: mujoco.MjModel, geom: int) -> tuple[Rgb, float]:
     material = int(compiled.geom_matid[geom])
-    red, green, blue, alpha = (float(value) for value in (compiled.geom_rgba[geom] if material < 0 else compiled.mat_rgba[material]))
+    red, green, blue, alpha = (
+        float(value) for value in (compiled.geom_rgba[geom] if material < 0 else compiled.mat_rgba[material])
+    )
     return (red, green, blue), alpha
 
 

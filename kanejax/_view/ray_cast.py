@@ -44,7 +44,9 @@ class _Hits(NamedTuple):
     opacity: Float[np.ndarray, " n"]
 
 
-def picture(surfaces: Sequence[Surface], camera: Camera, size: tuple[int, int], floor: Floor) -> UInt8[np.ndarray, "rows columns 3"]:
+def picture(
+    surfaces: Sequence[Surface], camera: Camera, size: tuple[int, int], floor: Floor
+) -> UInt8[np.ndarray, "rows columns 3"]:
     """A picture of surfaces in world axes, of so many columns and rows; edges are smooth.
 
     Light comes from the left above the camera, and casts shadows. Of translucent surfaces the nearest is seen.

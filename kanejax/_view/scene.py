@@ -73,7 +73,9 @@ class Scene:
 
     def postures(self, q: Float[np.ndarray, "copies nq"]) -> Postures:
         """Where all bodies are, of several copies of the robot."""
-        found = _poses(self.model, jnp.asarray(q, self.model.dtype))
+        # The browser's callbacks run in threads of their own, which know nothing of the caller's jax.enable_x64.
+        with jax.enable_x64(self.model.dtype == jnp.float64):
+            found = _poses(self.model, jnp.asarray(q, self.model.dtype))
         return Postures(*(np.asarray(each, float) for each in (found.rotation, found.origin, found.com)))
 
 

@@ -62,7 +62,9 @@ def tracks_of(arrays: Mapping[str, Any], model: Model, rows: Sequence[int] | Non
     """
     q = _numbers(arrays, "q", origin)
     if q.ndim not in (2, 3) or q.shape[-1] != model.nq:
-        raise ViewError(f"{origin}: q has shape {q.shape}, but this robot needs (times, {model.nq}), or (trajectories, times, {model.nq})")
+        raise ViewError(
+            f"{origin}: q has shape {q.shape}, but this robot needs (times, {model.nq}), or (trajectories, times, {model.nq})"
+        )
     if q.ndim == 2 and rows not in (None, (0,), [0]):
         raise ViewError(f"{origin} is one trajectory, but rows {', '.join(map(str, rows or ()))} are asked for; leave rows out")
     count = 1 if q.ndim == 2 else len(q)
@@ -121,7 +123,9 @@ def _check_quaternions(model: Model, q: np.ndarray, name: str) -> None:
     for start in model.tree.turning_speeds[1]:
         zero = ~np.any(q[:, start : start + 4], axis=1)
         if zero.any():
-            raise ViewError(f"{name}: the quaternion q[{int(np.argmax(zero))}, {start}:{start + 4}] is zero; no rotation is 1, 0, 0, 0")
+            raise ViewError(
+                f"{name}: the quaternion q[{int(np.argmax(zero))}, {start}:{start + 4}] is zero; no rotation is 1, 0, 0, 0"
+            )
 
 
 def _numbers(arrays: Mapping[str, Any], key: str, origin: str) -> np.ndarray:

@@ -66,7 +66,9 @@ def _geometry(shape: ElementTree.Element, color: Rgb | None, folders: MeshFolder
 def _positive(shape: ElementTree.Element, attribute: str, count: int, owner: str) -> Float[np.ndarray, " n"]:
     numbers = np.array(numbers_of(shape, attribute, count, owner))
     if not np.all((numbers > 0) & (numbers < 1e9)):
-        raise ModelFileError(f"{owner}: <{shape.tag} {attribute}={shape.get(attribute)!r}> is no size; give lengths greater than zero")
+        raise ModelFileError(
+            f"{owner}: <{shape.tag} {attribute}={shape.get(attribute)!r}> is no size; give lengths greater than zero"
+        )
     return numbers
 
 

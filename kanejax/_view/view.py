@@ -1,0 +1,183 @@
+"""Robots and their motions in the browser."""
+
+import contextlib
+import html
+import io
+import os
+import socket
+from collections.abc import Mapping, Sequence
+from typing import Any, final
+
+from kanejax._logs.log import Log
+from kanejax._model.model import Model
+from kanejax._view.page import Page
+from kanejax._view.panel import Panel
+from kanejax._view.scene import Scene, scene_of
+from kanejax._view.shape import ViewError, view_package
+from kanejax._view.stage import Stage
+from kanejax._view.track_files import log_tracks, read_tracks
+from kanejax._view.tracks import Track, tracks_of
+
+# Robots beside one another; a browser does not show more at a speed that is of use.
+_MOST_COPIES = 64
+Motions = Any
+
+
+@final
+class View:
+    """A page in the browser; in a notebook it is shown below its cell.
+
+    Attributes:
+        url: where the page is.
+        notes: in sentences, what could not be shown.
+    """
+
+    def __init__(self, stage: Stage, notes: tuple[str, ...], host: str, port: int) -> None:
+        """Serve a page; `view` makes one."""
+        viser = view_package("viser")
+        # viser looks for a port without end on a host that this machine does not have.
+        with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+            try:
+                probe.bind((host, 0))
+            except OSError as error:
+                raise ViewError(f"host {host!r} is no address of this machine ({error}); 127.0.0.1 is seen by it alone") from error
+        self._server = viser.ViserServer(host=host, port=port, label="kanejax", verbose=False)
+        self._server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+        self._page = Page(self._server, stage)
+        self._panel = Panel(self._server, stage, self._page)
+        self.url = f"http://{f'[{host}]' if ':' in host else host}:{self._server.get_port()}"
+        self.notes = notes
+
+    @property
+    def time(self) -> float:
+        """The time of the motion that is shown [s]."""
+        return self._panel.time
+
+    def show_time(self, t: float) -> None:
+        """Show the motion at a time [s], from 0 to its duration."""
+        self._panel.show_time(t)
+
+    def play(self) -> None:
+        """Play the motion."""
+        self._panel.play()
+
+    def pause(self) -> None:
+        """Stop playing."""
+        self._panel.play(False)
+
+    def close(self) -> None:
+        """Stop serving the page."""
+        self._panel.close()
+        # viser prints that it stops.
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
+
+    def __enter__(self) -> "View":
+        """The page itself, which is closed when the block is left."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
+
+    def __repr__(self) -> str:
+        """Say where it is."""
+        return f"<view at {self.url}>"
+
+    def _repr_html_(self) -> str:
+        return f'<iframe src="{html.escape(self.url)}" style="width: 100%; height: 480px; border: 0"></iframe>'
+
+
+def view(
+    robot: str | os.PathLike | Model,
+    trajectory: Motions = None,
+    *,
+    rows: Sequence[int] | None = None,
+    reference: Motions = None,
+    packages: Sequence[str | os.PathLike] = (),
+    strict: bool = False,
+    repair: bool = False,
+    allow_unphysical: bool = False,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+) -> View:
+    """Show a robot and its motion on a page of the browser.
+
+    Links look as the visuals of the URDF or the geoms of the MJCF say. A link without them is drawn as its frame and the ellipsoid of
+    its inertia: the solid one of uniform density with the link's mass and principal moments. Meshes are read from STL, OBJ and
+    Collada files beside the robot's file or below, and in packages; those that cannot be read are listed in `notes`.
+
+    Args:
+        robot: path of a URDF or MJCF file, or its XML; or a model, which has no shapes.
+        trajectory: a Trajectory, OptimalMotion or Log, or a mapping with arrays "ts" and "q", perhaps "u" and "tau"; a path of an
+            NPZ file or Zarr store of `kanejax simulate`, the motion.npz of `kanejax optimize`, or a log that `read_log` reads with its
+            usual columns; or a sequence of these. None: there is a slider for each joint.
+        rows: numbers of the trajectories to show side by side, of each batch; None: the first, and all runs of a log.
+        reference: a motion, given like a trajectory, that a translucent robot makes.
+        packages: folders of packages of ROS for package:// in a URDF, beyond those above its file that have the package's name.
+        strict: as in `load`, and so are the next two; what is not modelled is seen all the same.
+        repair: as in `load`.
+        allow_unphysical: as in `load`.
+        host: address to serve the page at; the default is seen by this machine alone.
+        port: of the page; if it is taken, the next one that is free.
+
+    Returns:
+        The page, until its `close` is called or the program ends.
+
+    Raises:
+        KanejaxError: the robot or the trajectory cannot be read, or do not go together.
+    """
+    stage, notes = stage_of(
+        robot,
+        trajectory,
+        rows=rows,
+        reference=reference,
+        packages=packages,
+        strict=strict,
+        repair=repair,
+        allow_unphysical=allow_unphysical,
+    )
+    return View(stage, notes, host, port)
+
+
+def stage_of(
+    robot: str | os.PathLike | Model,
+    trajectory: Motions,
+    *,
+    rows: Sequence[int] | None,
+    reference: Motions,
+    **loading: Any,
+) -> tuple[Stage, tuple[str, ...]]:
+    """What `view` and `render` show, and in sentences what they do not."""
+    scene = scene_of(robot, **loading)
+    tracks, notes = motions_of(trajectory, scene, rows)
+    ghosts, more = motions_of(reference, scene, None)
+    if len(ghosts) > 1:
+        raise ViewError(f"the reference has {len(ghosts)} motions; give one")
+    if ghosts and not tracks:
+        raise ViewError(
+            "there is a reference, but no trajectory that it belongs to; give the trajectory, or show the reference as one"
+        )
+    if len(tracks) > _MOST_COPIES:
+        raise ViewError(f"{len(tracks)} trajectories are asked for; at most {_MOST_COPIES} are shown side by side, choose rows")
+    return Stage(scene, tuple(tracks), ghosts[0] if ghosts else None), (*scene.notes, *notes, *more)
+
+
+def motions_of(source: Motions, scene: Scene, rows: Sequence[int] | None) -> tuple[list[Track], list[str]]:
+    """The motions of anything that `view` takes, and in sentences what of them is not shown."""
+    model = scene.model
+    if source is None:
+        return [], []
+    if isinstance(source, str | os.PathLike):
+        return read_tracks(source, model, rows)
+    if isinstance(source, Log):
+        return log_tracks(source, model, rows)
+    if isinstance(source, Mapping):
+        return tracks_of(source, model, rows, "trajectory"), []
+    if hasattr(source, "ts") and hasattr(source, "q"):
+        arrays = {name: getattr(source, name) for name in ("ts", "q", "u", "tau") if hasattr(source, name)}
+        return tracks_of(arrays, model, rows, type(source).__name__), []
+    if isinstance(source, Sequence):
+        found = [motions_of(each, scene, rows) for each in source]
+        return [track for tracks, _ in found for track in tracks], [note for _, notes in found for note in notes]
+    raise ViewError(f"cannot show a {type(source).__name__}; give a trajectory, a log, a path, or a mapping with ts and q")
