@@ -38,9 +38,7 @@ Rows = Annotated[
 Count = Annotated[int | None, typer.Option(min=1, max=64, help="The first so many of a batch.", show_default=False)]
 Packages = Annotated[
     list[Path] | None,
-    typer.Option(
-        help="A folder of packages of ROS, for package:// in a URDF, or of meshes that lie elsewhere.", show_default=False
-    ),
+    typer.Option(help="A folder of packages of ROS, for package:// in a URDF, or of meshes elsewhere.", show_default=False),
 ]
 
 
@@ -65,9 +63,7 @@ def view(
     count: Count = None,
     reference: Reference = None,
     packages: Packages = None,
-    host: Annotated[
-        str, typer.Option(help="Address to serve the page at; the default is seen by this machine alone.")
-    ] = "127.0.0.1",
+    host: Annotated[str, typer.Option(help="Address to serve at; the default is seen by this machine alone.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Of the page; if it is taken, the next that is free.")] = 8080,
     no_open: Annotated[bool, typer.Option("--no-open", help="Print the address, and do not open a browser.")] = False,
     play: Annotated[bool, typer.Option("--play", help="Play the motion at once.")] = False,

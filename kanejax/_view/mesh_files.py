@@ -18,8 +18,8 @@ _MOST_BYTES, _MOST_TRIANGLES = 2**28, 5_000_000
 def mesh_surfaces(path: Path, scale: Float[np.ndarray, "3"], color: Rgb | None) -> tuple[Surface, ...]:
     """The surfaces of a mesh file, in the axes of the file.
 
-    Materials and pictures that it names in other files are not read: an OBJ has the given colour, or grey; a Collada file has its own
-    colours unless one is given.
+    Materials and pictures that it names in other files are not read: an OBJ has the given colour, or grey; a Collada file has its
+    own colours unless one is given.
 
     Raises:
         ModelFileError: it is no mesh, has no triangles, or is too large.

@@ -11,7 +11,7 @@ from kanejax._model.tree import WORLD
 from kanejax._view.camera import FIELD_OF_VIEW, camera_around
 from kanejax._view.scene import BONE_COLOR, REFERENCE_COLOR, Fixed, Postures
 from kanejax._view.shape import Rgb, ellipsoid
-from kanejax._view.stage import GHOST_OPACITY, THIN, Stage, moved_off, visible
+from kanejax._view.stage import GHOST_OPACITY, THIN, Stage, grid_spacing, moved_off, visible
 
 # Shapes in front of ellipsoids and mass centres that are asked for.
 _GLASSY = 0.35
@@ -156,12 +156,6 @@ class Page:
     def _bones(self, placed: Postures, copy: int) -> Float[np.ndarray, "n 2 3"]:
         pairs = np.array(self._stage.scene.bones, int)
         return placed.origin[copy][pairs].astype(np.float32)
-
-
-def grid_spacing(size: float) -> float:
-    """Between lines on the floor [m]: 1, 2 or 5 of some power of ten, about a sixth of the robot's size."""
-    power = 10.0 ** np.floor(np.log10(size / 6.0))
-    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= size / 6.0))
 
 
 def _bytes(color: Rgb) -> tuple[int, int, int]:

@@ -67,13 +67,16 @@ class Plots:
         kind = tree.joint_types[self._joint]
         sizes, starts = (COORDINATES, tree.q_start) if name == "q" else (SPEEDS, tree.v_start)
         columns = range(starts[self._joint], starts[self._joint] + sizes[kind])
-        curves, series = [], [{"label": "time"}]
-        drawn = [(track, {"width": 1.5}) for track in self._stage.tracks]
+        curves: list[np.ndarray] = []
+        series: list[dict[str, Any]] = [{"label": "time"}]
+        drawn: list[tuple[Track, dict[str, Any]]] = [(track, {"width": 1.5}) for track in self._stage.tracks]
         if self._stage.reference is not None:
             drawn.append((self._stage.reference, {"width": 1.5, "dash": (5, 4)}))
         for number, (track, look) in enumerate(drawn):
             times, values = _values(track, name)
-            for part, column in enumerate(columns if values is not None else ()):
+            if values is None:
+                continue
+            for part, column in enumerate(columns):
                 color = _COLORS[(number + part) % len(_COLORS)]
                 # NaN where the motion has ended.
                 curves.append(np.interp(self._x, times, values[:, column], right=np.nan))
@@ -81,7 +84,7 @@ class Plots:
         return curves, (*series, {"label": "now", "stroke": "#777777", "width": 1.0, "points": {"show": False}})
 
     def _data(self, curves: list[np.ndarray]) -> tuple[np.ndarray, ...]:
-        """The curves with two more points at the time that is shown, between which the line runs from the least value to the greatest."""
+        """The curves with two more points at the time that is shown, between which the line runs up."""
         finite = np.concatenate([curve[np.isfinite(curve)] for curve in curves] or [np.zeros(1)])
         low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
         at = int(np.searchsorted(self._x, self._time))

@@ -9,11 +9,10 @@ import numpy as np
 from kanejax._model.model import Model
 from kanejax._view.camera import AZIMUTH, ELEVATION, camera_around
 from kanejax._view.film import GIF, PNG, check_film, frame_rate, write_film
-from kanejax._view.page import grid_spacing
+from kanejax._view.motions import Motions, stage_of
 from kanejax._view.ray_cast import Floor, picture
 from kanejax._view.shape import ViewError
-from kanejax._view.stage import Stage, placed_surfaces
-from kanejax._view.view import Motions, stage_of
+from kanejax._view.stage import Stage, grid_spacing, placed_surfaces
 
 _MOST_PICTURES = 100_000
 
@@ -45,8 +44,8 @@ def render(
     The same arguments give the same bytes. A file that an interruption leaves half done does not appear.
 
     Args:
-        robot: as in `view`, and so are trajectory, rows, reference, packages, and the arguments of loading.
-        trajectory: the motion; None: the reference posture, for a picture.
+        robot: as in `view`.
+        trajectory: as in `view`; None: the reference posture, for a picture.
         out: a path that ends in .mp4, .gif or .png.
         rows: numbers of the trajectories to show side by side.
         reference: a motion that a translucent robot makes.
@@ -59,6 +58,10 @@ def render(
         elevation: of the camera above the horizon [degrees].
         distance: of the camera from the middle of the motion [m]; None: as near as shows all of it.
         ellipsoids: draw the ellipsoids of all inertias, and shapes translucent.
+        packages: as in `view`.
+        strict: as in `load`.
+        repair: as in `load`.
+        allow_unphysical: as in `load`.
         progress: is called with the number of pictures that are done, and of all.
 
     Returns:

@@ -122,8 +122,8 @@ def reference_coordinates(model: Model) -> Float[np.ndarray, " nq"]:
 def semi_axes(mass: float, moments: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
     """Semi-axes of the solid ellipsoid of uniform density with this mass and these principal moments.
 
-    Its moments are m (b^2 + c^2) / 5 and so on. Where moments break A + B >= C there is none: what would be the square of a negative
-    length becomes zero.
+    Its moments are m (b^2 + c^2) / 5 and so on. Where moments break A + B >= C there is none: what would be the square of a
+    negative length becomes zero.
     """
     squares = 2.5 / mass * (np.sum(moments) - 2.0 * moments)
     return np.sqrt(np.maximum(squares, 0.0))

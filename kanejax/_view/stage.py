@@ -137,3 +137,9 @@ def _axes_along(direction: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     x = np.cross(least, direction)
     x /= np.linalg.norm(x)
     return np.stack((x, np.cross(direction, x), direction), 1)
+
+
+def grid_spacing(size: float) -> float:
+    """Between lines on the floor [m]: 1, 2 or 5 of some power of ten, about a sixth of the robot's size."""
+    power = 10.0 ** np.floor(np.log10(size / 6.0))
+    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= size / 6.0))

@@ -79,9 +79,7 @@ def _log(file: Path, model: Model) -> Log:
     there = [joint for joint in joints if f"position_{joint}" in names]
     if not there:
         columns = ", ".join(f"position_{joint}" for joint in joints)[:300]
-        raise LogError(
-            f"{file} has none of the columns {columns}; read it with kanejax.read_log, which takes others, and give that"
-        )
+        raise LogError(f"{file} has none of the columns {columns}; kanejax.read_log reads others, and view takes what it returns")
     speeds, forces = (all(f"{what}_{joint}" in names for joint in there) for what in ("velocity", "effort"))
     # A log needs something that was measured of the actuators; to be seen, a robot does not.
     columns = Columns(velocity="velocity_{joint}" if speeds else None, effort="effort_{joint}" if forces else "position_{joint}")

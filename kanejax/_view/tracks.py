@@ -54,8 +54,8 @@ class Track:
 def tracks_of(arrays: Mapping[str, Any], model: Model, rows: Sequence[int] | None, origin: str) -> list[Track]:
     """Motions from arrays by name: "ts" and "q", perhaps "u" and "tau" with "tau_ts".
 
-    With a leading axis of trajectories, `rows` are those to take, the first if None. What comes after the last row that is finite is
-    left out, as simulations leave what they did not reach. Forces without times hold from each time to the next.
+    With a leading axis of trajectories, `rows` are those to take, the first if None. What comes after the last row that is finite
+    is left out, as simulations leave what they did not reach. Forces without times hold from each time to the next.
 
     Raises:
         ViewError: an array is missing, does not fit the model, or has no row that is finite; or there is no such trajectory.
@@ -65,10 +65,11 @@ def tracks_of(arrays: Mapping[str, Any], model: Model, rows: Sequence[int] | Non
         raise ViewError(
             f"{origin}: q has shape {q.shape}, but this robot needs (times, {model.nq}), or (trajectories, times, {model.nq})"
         )
-    if q.ndim == 2 and rows not in (None, (0,), [0]):
-        raise ViewError(f"{origin} is one trajectory, but rows {', '.join(map(str, rows or ()))} are asked for; leave rows out")
+    chosen = (0,) if rows is None else tuple(rows)
+    if q.ndim == 2 and chosen != (0,):
+        raise ViewError(f"{origin} is one trajectory, but {', '.join(map(str, chosen))} are asked for; leave rows out")
     count = 1 if q.ndim == 2 else len(q)
-    return [_track(arrays, model, _checked_row(row, count, origin), q.ndim == 3, origin) for row in (rows or (0,))]
+    return [_track(arrays, model, _checked_row(row, count, origin), q.ndim == 3, origin) for row in chosen]
 
 
 def _checked_row(row: int, count: int, origin: str) -> int:

@@ -5,22 +5,15 @@ import html
 import io
 import os
 import socket
-from collections.abc import Mapping, Sequence
-from typing import Any, final
+from collections.abc import Sequence
+from typing import final
 
-from kanejax._logs.log import Log
 from kanejax._model.model import Model
+from kanejax._view.motions import Motions, stage_of
 from kanejax._view.page import Page
 from kanejax._view.panel import Panel
-from kanejax._view.scene import Scene, scene_of
 from kanejax._view.shape import ViewError, view_package
 from kanejax._view.stage import Stage
-from kanejax._view.track_files import log_tracks, read_tracks
-from kanejax._view.tracks import Track, tracks_of
-
-# Robots beside one another; a browser does not show more at a speed that is of use.
-_MOST_COPIES = 64
-Motions = Any
 
 
 @final
@@ -103,15 +96,15 @@ def view(
 ) -> View:
     """Show a robot and its motion on a page of the browser.
 
-    Links look as the visuals of the URDF or the geoms of the MJCF say. A link without them is drawn as its frame and the ellipsoid of
-    its inertia: the solid one of uniform density with the link's mass and principal moments. Meshes are read from STL, OBJ and
+    Links look as the visuals of the URDF or the geoms of the MJCF say. A link without them is drawn as its frame and the ellipsoid
+    of its inertia: the solid one of uniform density with the link's mass and principal moments. Meshes are read from STL, OBJ and
     Collada files beside the robot's file or below, and in packages; those that cannot be read are listed in `notes`.
 
     Args:
         robot: path of a URDF or MJCF file, or its XML; or a model, which has no shapes.
         trajectory: a Trajectory, OptimalMotion or Log, or a mapping with arrays "ts" and "q", perhaps "u" and "tau"; a path of an
-            NPZ file or Zarr store of `kanejax simulate`, the motion.npz of `kanejax optimize`, or a log that `read_log` reads with its
-            usual columns; or a sequence of these. None: there is a slider for each joint.
+            NPZ file or Zarr store of `kanejax simulate`, of the motion.npz of `kanejax optimize`, or of a log that `read_log`
+            reads with its usual columns; or a sequence of these. None: there is a slider for each joint.
         rows: numbers of the trajectories to show side by side, of each batch; None: the first, and all runs of a log.
         reference: a motion, given like a trajectory, that a translucent robot makes.
         packages: folders of packages of ROS for package:// in a URDF, beyond those above its file that have the package's name.
@@ -138,46 +131,3 @@ def view(
         allow_unphysical=allow_unphysical,
     )
     return View(stage, notes, host, port)
-
-
-def stage_of(
-    robot: str | os.PathLike | Model,
-    trajectory: Motions,
-    *,
-    rows: Sequence[int] | None,
-    reference: Motions,
-    **loading: Any,
-) -> tuple[Stage, tuple[str, ...]]:
-    """What `view` and `render` show, and in sentences what they do not."""
-    scene = scene_of(robot, **loading)
-    tracks, notes = motions_of(trajectory, scene, rows)
-    ghosts, more = motions_of(reference, scene, None)
-    if len(ghosts) > 1:
-        raise ViewError(f"the reference has {len(ghosts)} motions; give one")
-    if ghosts and not tracks:
-        raise ViewError(
-            "there is a reference, but no trajectory that it belongs to; give the trajectory, or show the reference as one"
-        )
-    if len(tracks) > _MOST_COPIES:
-        raise ViewError(f"{len(tracks)} trajectories are asked for; at most {_MOST_COPIES} are shown side by side, choose rows")
-    return Stage(scene, tuple(tracks), ghosts[0] if ghosts else None), (*scene.notes, *notes, *more)
-
-
-def motions_of(source: Motions, scene: Scene, rows: Sequence[int] | None) -> tuple[list[Track], list[str]]:
-    """The motions of anything that `view` takes, and in sentences what of them is not shown."""
-    model = scene.model
-    if source is None:
-        return [], []
-    if isinstance(source, str | os.PathLike):
-        return read_tracks(source, model, rows)
-    if isinstance(source, Log):
-        return log_tracks(source, model, rows)
-    if isinstance(source, Mapping):
-        return tracks_of(source, model, rows, "trajectory"), []
-    if hasattr(source, "ts") and hasattr(source, "q"):
-        arrays = {name: getattr(source, name) for name in ("ts", "q", "u", "tau") if hasattr(source, name)}
-        return tracks_of(arrays, model, rows, type(source).__name__), []
-    if isinstance(source, Sequence):
-        found = [motions_of(each, scene, rows) for each in source]
-        return [track for tracks, _ in found for track in tracks], [note for _, notes in found for note in notes]
-    raise ViewError(f"cannot show a {type(source).__name__}; give a trajectory, a log, a path, or a mapping with ts and q")
