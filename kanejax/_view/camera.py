@@ -51,29 +51,36 @@ class Camera(NamedTuple):
 
 
 def camera_around(
-    box: Float[np.ndarray, "2 3"],
+    points: Float[np.ndarray, "n 3"],
     aspect: float,
     *,
     azimuth: float = AZIMUTH,
     elevation: float = ELEVATION,
     distance: float | None = None,
 ) -> Camera:
-    """A camera that sees a box of least and greatest coordinates.
+    """A camera that sees all of these points, from as near as it can, with a margin.
 
     Args:
-        box: what is to be seen.
+        points: what is to be seen.
         aspect: width of the picture over its height.
         azimuth: around the vertical, from the x axis towards the y axis [degrees].
         elevation: above the horizon [degrees].
-        distance: from the middle of the box [m]; None: as near as shows all of it.
+        distance: from the middle of the picture [m], in place of the least.
     """
     alpha, beta = np.radians(azimuth), np.radians(elevation)
     outward = np.array([np.cos(beta) * np.cos(alpha), np.cos(beta) * np.sin(alpha), np.sin(beta)])
-    target = box.mean(0)
-    if distance is None:
-        corners = np.stack(np.meshgrid(*box.T), -1).reshape(-1, 3) - target
-        right, up, forward = Camera(target + outward, target).axes
-        half = np.tan(0.5 * FIELD_OF_VIEW)
-        wide, high = np.abs(corners @ right) / (half * aspect), np.abs(corners @ up) / half
-        distance = 1.08 * float(np.max(np.maximum(wide, high) - corners @ forward))
-    return Camera(target + max(distance, 1e-3) * outward, target)
+    middle = 0.5 * (points.min(0) + points.max(0))
+    right, up, forward = Camera(middle + outward, middle).axes
+    x, y, z = np.array([right, up, forward]) @ (points - middle).T
+    half = np.tan(0.5 * FIELD_OF_VIEW)
+    aside, far = _fitted(x, z, half * aspect)
+    above, farther = _fitted(y, z, half)
+    target = middle + aside * right + above * up
+    away = max(1.1 * max(far, farther) if distance is None else distance, 1e-3)
+    return Camera(target + away * outward, target)
+
+
+def _fitted(x: Float[np.ndarray, " n"], z: Float[np.ndarray, " n"], slope: float) -> tuple[float, float]:
+    """Where to stand, aside and how far, so that points at x and depth z lie between two lines of this slope."""
+    one, other = float(np.max(x - slope * z)), float(np.max(-x - slope * z))
+    return 0.5 * (one - other), 0.5 * (one + other) / slope

@@ -63,6 +63,9 @@ class JointSliders:
     def _add(self, gui: Any, label: str, low: float, high: float, value: float) -> None:
         # An empty range has a slider that does not move.
         step = max((high - low) / 1000.0, 1e-9)
+        if high - low > 0.1:
+            # Inwards to what one reads.
+            low, high = np.ceil(1e3 * low) / 1e3, np.floor(1e3 * high) / 1e3
         handle = gui.add_slider(label, float(low), float(high), float(step), float(np.clip(value, low, high)))
         handle.on_update(lambda _: self._moved(self.coordinates()))
         self.handles[label] = handle

@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from kanejax._model.tree import WORLD
 from kanejax._view.camera import FIELD_OF_VIEW, camera_around
-from kanejax._view.scene import BONE_COLOR, REFERENCE_COLOR, Fixed, Postures
+from kanejax._view.ray_cast import HORIZON, SKY
+from kanejax._view.scene import BONE_COLOR, REFERENCE_COLOR, Fixed, Postures, visible
 from kanejax._view.shape import Rgb, ellipsoid
-from kanejax._view.stage import GHOST_OPACITY, THIN, Stage, grid_spacing, moved_off, visible
+from kanejax._view.stage import GHOST_OPACITY, THIN, Stage, floor_height, grid_spacing, moved_off
 
 # Shapes in front of ellipsoids and mass centres that are asked for.
 _GLASSY = 0.35
@@ -34,12 +35,12 @@ class Page:
             self._add_copy(f"/copy{copy}", self._offsets[copy])
         self._add_floor()
         self.show_layers(shapes=True, ellipsoids=False, frames=False, centers=False)
-        self.move(stage.coordinates(0.0), None if stage.reference is None else stage.reference.at(stage.scene.model, 0.0))
+        self.move(stage.coordinates(0.0), None if stage.reference is None else stage.ghost_coordinates(0.0))
 
-    def move(self, q: Float[np.ndarray, "copies nq"], reference: Float[np.ndarray, " nq"] | None) -> None:
-        """Bring the copies to these coordinates, and their ghosts to those of the reference."""
+    def move(self, q: Float[np.ndarray, "copies nq"], reference: Float[np.ndarray, "copies nq"] | None) -> None:
+        """Bring the copies, and their ghosts, to these coordinates."""
         placed = self._stage.scene.postures(q)
-        ghosts = None if reference is None else self._stage.scene.postures(np.tile(reference, (len(q), 1)))
+        ghosts = None if reference is None else self._stage.scene.postures(reference)
         with self._server.atomic():
             self._place(self._bodies, placed)
             if ghosts is not None:
@@ -130,7 +131,7 @@ class Page:
         return self._scene.add_frame(name, axes_length=length, axes_radius=0.06 * length, origin_color=_bytes(BONE_COLOR))
 
     def _add_floor(self) -> None:
-        box, size = self._stage.bounds(), self._stage.scene.size
+        points, size = self._stage.outline(self._offsets), self._stage.scene.size
         spacing = grid_spacing(size)
         self._scene.set_up_direction("+z")
         self._scene.add_grid(
@@ -138,11 +139,17 @@ class Page:
             cell_size=spacing,
             section_size=4.0 * spacing,
             infinite_grid=True,
-            fade_distance=12.0 * float(np.linalg.norm(box[1] - box[0])),
-            position=(0.0, 0.0, float(min(0.0, box[0, 2]))),
+            cell_color=_bytes((0.86, 0.87, 0.88)),
+            section_color=_bytes((0.76, 0.77, 0.79)),
+            fade_distance=12.0 * float(np.linalg.norm(np.ptp(points, axis=0))),
+            position=(0.0, 0.0, floor_height(points)),
             shadow_opacity=0.2,
         )
-        camera = camera_around(box, 1.2)
+        # The sky of the films.
+        up = np.linspace(1.0, 0.0, 64)[:, None, None]
+        sky = np.broadcast_to(up * SKY + (1.0 - up) * HORIZON, (64, 4, 3))
+        self._scene.set_background_image(np.round(255.0 * sky).astype(np.uint8), format="png")
+        camera = camera_around(points, 1.2)
         initial = self._server.initial_camera
         initial.position, initial.look_at, initial.fov = camera.position, camera.target, float(FIELD_OF_VIEW)
 

@@ -47,8 +47,8 @@ class Panel:
         """Show another time."""
         with self._lock:
             self._t = min(max(float(t), 0.0), self._stage.duration)
-            reference, model = self._stage.reference, self._stage.scene.model
-            self._page.move(self._stage.coordinates(self._t), None if reference is None else reference.at(model, self._t))
+            ghosts = None if self._stage.reference is None else self._stage.ghost_coordinates(self._t)
+            self._page.move(self._stage.coordinates(self._t), ghosts)
             if self.plots is not None and plots:
                 self.plots.show_time(self._t)
         if self.slider is not None:

@@ -35,7 +35,8 @@ class Plots:
         self._joint = self._stage.scene.model.tree.joint(joint)
         for name, handle in self._handles.items():
             curves, series = self._curves(name)
-            handle.title, handle.series, handle.data = self._title(name), series, self._data(curves)
+            handle.title, handle.series, handle.scales = self._title(name), series, _scales(curves, self._x)
+            handle.data = self._data(curves)
 
     def show_time(self, t: float) -> None:
         """Draw the line at another time."""
@@ -49,7 +50,7 @@ class Plots:
             self._data(curves),
             series,
             title=self._title(name),
-            scales={"x": {"time": False}},
+            scales=_scales(curves, self._x),
             legend={"show": False},
             cursor={"drag": {"x": True, "y": False}},
             height=150,
@@ -85,11 +86,10 @@ class Plots:
 
     def _data(self, curves: list[np.ndarray]) -> tuple[np.ndarray, ...]:
         """The curves with two more points at the time that is shown, between which the line runs up."""
-        finite = np.concatenate([curve[np.isfinite(curve)] for curve in curves] or [np.zeros(1)])
-        low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+        low, high = _scales(curves, self._x)["y"]["range"]
         at = int(np.searchsorted(self._x, self._time))
         twice = [self._time, self._time]
-        line = np.insert(np.full(_POINTS, np.nan), [at, at], [low, high if high > low else low + 1.0])
+        line = np.insert(np.full(_POINTS, np.nan), [at, at], [low, high])
         inserted = [np.insert(curve, [at, at], np.repeat(np.interp(self._time, self._x, curve), 2)) for curve in curves]
         return (np.insert(self._x, [at, at], twice), *inserted, line)
 
@@ -97,3 +97,11 @@ class Plots:
 def _values(track: Track, name: str) -> tuple[np.ndarray, Any]:
     times = track.ts if name != "tau" or track.tau_ts is None else track.tau_ts
     return times, getattr(track, name)
+
+
+def _scales(curves: list[np.ndarray], x: np.ndarray) -> dict[str, Any]:
+    """Ranges of the axes: uPlot finds none where there are NaN."""
+    finite = np.concatenate([curve[np.isfinite(curve)] for curve in curves] or [np.zeros(1)])
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
+    margin = 0.05 * (high - low) or max(0.05 * abs(high), 1e-6)
+    return {"x": {"time": False, "range": (0.0, float(x[-1]))}, "y": {"range": (low - margin, high + margin)}}

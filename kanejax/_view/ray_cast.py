@@ -16,6 +16,8 @@ _LAMP = np.array([-0.45, 0.75, 0.55])
 _SHADOW = 0.42
 # Pixels that differ by more from a neighbour are cast again, in so many rows and columns.
 _CONTRAST, _FINER = 0.03, 3
+# Of translucent surfaces behind one another, so many are seen.
+_LAYERS = 6
 
 
 class Floor(NamedTuple):
@@ -49,7 +51,7 @@ def picture(
 ) -> UInt8[np.ndarray, "rows columns 3"]:
     """A picture of surfaces in world axes, of so many columns and rows; edges are smooth.
 
-    Light comes from the left above the camera, and casts shadows. Of translucent surfaces the nearest is seen.
+    Light comes from the left above the camera, and casts shadows. Translucent ones cast none.
     """
     solid = _solid([each for each in surfaces if each.opacity >= 1.0])
     glass = _solid([each for each in surfaces if each.opacity < 1.0])
@@ -125,12 +127,24 @@ def _colors(
     lit[_below[_in_shadow(solid, points, normals, lamp, np.linalg.norm(camera.target - camera.position))]] = 0.0
     facing = np.where(below, 1.0, np.clip(4.0 * (hits.normal @ lamp), 0.0, 1.0))
     color *= (1.0 - _SHADOW * (1.0 - lit) * np.where(below, _fade(on_floor, camera), facing))[:, None]
-    ghosts = _cast(glass, origins, rays)
-    seen = ghosts.met & (ghosts.distance < distance)
-    veil = _shaded(ghosts.color[seen], ghosts.normal[seen], rays[seen], lamp)
-    part = ghosts.opacity[seen, None]
-    color[seen] = part * veil + (1.0 - part) * color[seen]
-    return color
+    return _veiled(color, glass, camera, rays, distance, lamp)
+
+
+def _veiled(
+    color: np.ndarray, glass: _Solid | None, camera: Camera, rays: np.ndarray, distance: np.ndarray, lamp: np.ndarray
+) -> Float[np.ndarray, "n 3"]:
+    """Colours behind what is translucent and nearer than `distance`: the first few layers of it."""
+    left, veil = np.ones(len(rays)), np.zeros_like(color)
+    at, begin = np.arange(len(rays)), np.zeros(len(rays))
+    for _ in range(_LAYERS if glass is not None else 0):
+        hits = _cast(glass, camera.position + begin[at, None] * rays[at], rays[at])
+        seen = hits.met & (begin[at] + hits.distance < distance[at])
+        at, hits = at[seen], _Hits(*(each[seen] for each in hits))
+        veil[at] += (left[at] * hits.opacity)[:, None] * _shaded(hits.color, hits.normal, rays[at], lamp)
+        left[at] *= 1.0 - hits.opacity
+        # On from behind the surface.
+        begin[at] += hits.distance + 1e-4 * np.linalg.norm(camera.target - camera.position)
+    return veil + left[:, None] * color
 
 
 def _shaded(color: np.ndarray, normal: np.ndarray, rays: np.ndarray, lamp: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from kanejax._view.film import GIF, PNG, check_film, frame_rate, write_film
 from kanejax._view.motions import Motions, stage_of
 from kanejax._view.ray_cast import Floor, picture
 from kanejax._view.shape import ViewError
-from kanejax._view.stage import Stage, grid_spacing, placed_surfaces
+from kanejax._view.stage import Stage, floor_height, grid_spacing, placed_surfaces
 
 _MOST_PICTURES = 100_000
 
@@ -82,9 +82,10 @@ def render(
     stage, notes = stage_of(robot, trajectory, rows=rows, reference=reference, packages=packages, **loading)
     rate = frame_rate(suffix, fps)
     times = [start] if suffix == PNG else film_times(stage, float(rate), start, seconds, speed)
-    offsets, box = stage.offsets(), stage.bounds()
-    camera = camera_around(box, size[0] / size[1], azimuth=azimuth, elevation=elevation, distance=distance)
-    floor = Floor(float(min(0.0, box[0, 2])), grid_spacing(stage.scene.size))
+    offsets = stage.offsets()
+    points = stage.outline(offsets, ellipsoids=ellipsoids)
+    camera = camera_around(points, size[0] / size[1], azimuth=azimuth, elevation=elevation, distance=distance)
+    floor = Floor(floor_height(points), grid_spacing(stage.scene.size))
 
     def draw(t: float) -> np.ndarray:
         return picture(placed_surfaces(stage, t, offsets, ellipsoids=ellipsoids), camera, size, floor)

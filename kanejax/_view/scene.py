@@ -21,6 +21,8 @@ from kanejax._view.shape import Surface, ellipsoid
 
 # Ellipsoids are orange, as no robot's shapes are likely to be; the blue of a reference goes with it for colour-blind eyes too.
 ELLIPSOID_COLOR = (0.90, 0.62, 0.0)
+# They may be larger than what they stand for, and are seen through.
+ELLIPSOID_OPACITY = 0.55
 REFERENCE_COLOR = (0.0, 0.45, 0.70)
 BONE_COLOR = (0.35, 0.38, 0.42)
 # The smallest semi-axis that is drawn, over the size of the robot.
@@ -157,7 +159,7 @@ def _scene(model: Model, shapes: list[Fixed], notes: tuple[str, ...]) -> Scene:
     bare = tuple(body for body in range(tree.nbody) if body not in drawn and (mass[body] > 0 or body in moved))
     found = Scene(model, tuple(shapes), (), bare, (), 1.0, notes)
     placed = found.postures(reference_coordinates(model)[None])
-    size = float(np.linalg.norm(np.ptp(_corners(found, placed), axis=0))) or 1.0
+    size = float(np.linalg.norm(np.ptp(outline(found, placed), axis=0))) or 1.0
     bones = tuple(
         (parent, body)
         for body, parent in enumerate(tree.body_parents)
@@ -183,20 +185,23 @@ def _ellipsoids(model: Model, thinnest: float) -> tuple[Fixed, ...]:
             # Right-handed, or the triangles would be inside out.
             axes[:, 0] *= np.sign(np.linalg.det(axes))
             drawn = np.maximum(semi_axes(float(mass), moments), thinnest)
-            found.append(Fixed(body, ellipsoid(drawn, color=ELLIPSOID_COLOR).moved(axes, np.asarray(com, float))))
+            found.append(
+                Fixed(body, ellipsoid(drawn, color=ELLIPSOID_COLOR, opacity=ELLIPSOID_OPACITY).moved(axes, np.asarray(com, float)))
+            )
     return tuple(found)
 
 
-def bounds(scene: Scene, placed: Postures) -> Float[np.ndarray, "2 3"]:
-    """Least and greatest coordinates of all that is drawn."""
-    corners = _corners(scene, placed)
-    return np.array([corners.min(0), corners.max(0)])
+def visible(scene: Scene, *, shapes: bool = True, ellipsoids: bool = False) -> tuple[Fixed, ...]:
+    """The surfaces that are shown: shapes and what stands in for them, and ellipsoids of all bodies, or of none but those."""
+    bare = set(scene.bare)
+    ours = scene.shapes if shapes else ()
+    return (*ours, *(each for each in scene.ellipsoids if ellipsoids or (shapes and each.body in bare)))
 
 
-def _corners(scene: Scene, placed: Postures) -> Float[np.ndarray, "n 3"]:
-    """Corners of the boxes around shapes, origins and mass centres, and the world's origin."""
-    points = [np.zeros((1, 3)), placed.origin.reshape(-1, 3), placed.com.reshape(-1, 3)]
-    for body, each in scene.shapes:
+def outline(scene: Scene, placed: Postures, *, ellipsoids: bool = False) -> Float[np.ndarray, "n 3"]:
+    """Points in world axes around all that is drawn: corners of boxes around the surfaces, origins, and the world's origin."""
+    points = [np.zeros((1, 3)), placed.origin.reshape(-1, 3)]
+    for body, each in visible(scene, ellipsoids=ellipsoids):
         low, high = each.vertices.min(0), each.vertices.max(0)
         corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), -1).reshape(-1, 3)
         if body != WORLD:

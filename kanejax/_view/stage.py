@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from kanejax._model.tree import WORLD
-from kanejax._view.scene import BONE_COLOR, REFERENCE_COLOR, Fixed, Postures, Scene, bounds, reference_coordinates
+from kanejax._view.scene import BONE_COLOR, REFERENCE_COLOR, Fixed, Postures, Scene, outline, reference_coordinates, visible
 from kanejax._view.shape import Surface, cylinder, ellipsoid
 from kanejax._view.tracks import Track
 
-GHOST_OPACITY = 0.35
+GHOST_OPACITY, SEE_THROUGH = 0.35, 0.5
 # Thickness of bones, and of the axes of frames, over the size of the robot.
 THIN = 0.006
 _SAMPLES = 24
@@ -47,36 +47,33 @@ class Stage:
         model = self.scene.model
         return np.array([each.at(model, t) for each in self.tracks] or [reference_coordinates(model)])
 
+    def ghost_coordinates(self, t: float) -> Float[np.ndarray, "copies nq"]:
+        """Of the ghosts, all the same, at a time."""
+        assert self.reference is not None
+        return np.tile(self.reference.at(self.scene.model, t), (self.copies, 1))
+
     def offsets(self) -> Float[np.ndarray, "copies 3"]:
         """How far the copies are moved off: rows along y, about as many as columns along x, the first in front."""
         if self.copies == 1:
             return np.zeros((1, 3))
-        low, high = self._bounds(np.zeros((self.copies, 3)))
-        step = 1.15 * np.maximum(high - low, 0.2 * self.scene.size)[:2]
+        reach = np.ptp(self.outline(np.zeros((self.copies, 3))), axis=0)
+        step = 1.1 * np.maximum(reach, 0.2 * self.scene.size)
         columns = int(np.ceil(np.sqrt(self.copies)))
         numbers = np.arange(self.copies)
         return np.stack((-(numbers // columns) * step[0], (numbers % columns) * step[1], np.zeros(self.copies)), 1)
 
-    def bounds(self) -> Float[np.ndarray, "2 3"]:
-        """Least and greatest coordinates of all copies in all of their motion."""
-        return self._bounds(self.offsets())
-
-    def _bounds(self, offsets: Float[np.ndarray, "copies 3"]) -> Float[np.ndarray, "2 3"]:
+    def outline(self, offsets: Float[np.ndarray, "copies 3"], *, ellipsoids: bool = False) -> Float[np.ndarray, "n 3"]:
+        """Points around all that is drawn of the copies in all of their motion."""
         times = np.linspace(0.0, self.duration, _SAMPLES if self.tracks else 1)
-        boxes = [bounds(self.scene, moved_off(self.scene.postures(self.coordinates(t)), offsets)) for t in times]
-        return np.array([np.min([box[0] for box in boxes], 0), np.max([box[1] for box in boxes], 0)])
+        q = [self.coordinates(t) for t in times]
+        q += [self.ghost_coordinates(t) for t in times] if self.reference is not None else []
+        placed = (moved_off(self.scene.postures(each), offsets) for each in q)
+        return np.concatenate([outline(self.scene, each, ellipsoids=ellipsoids) for each in placed])
 
 
 def moved_off(placed: Postures, offsets: Float[np.ndarray, "copies 3"]) -> Postures:
     """The same postures elsewhere."""
     return placed._replace(origin=placed.origin + offsets[:, None], com=placed.com + offsets[:, None])
-
-
-def visible(scene: Scene, *, shapes: bool = True, ellipsoids: bool = False) -> tuple[Fixed, ...]:
-    """The surfaces that are shown: shapes and what stands in for them, and ellipsoids of all bodies, or of none but those."""
-    bare = set(scene.bare)
-    ours = scene.shapes if shapes else ()
-    return (*ours, *(each for each in scene.ellipsoids if ellipsoids or (shapes and each.body in bare)))
 
 
 def placed_surfaces(
@@ -85,14 +82,16 @@ def placed_surfaces(
     """All surfaces in world axes at a time, ghosts of the reference among them."""
     scene = stage.scene
     fixed = visible(scene, shapes=shapes, ellipsoids=ellipsoids)
+    if ellipsoids:
+        # Either may hide the other.
+        fixed = tuple(Fixed(body, each._replace(opacity=min(each.opacity, SEE_THROUGH))) for body, each in fixed)
     placed = moved_off(scene.postures(stage.coordinates(t)), offsets)
     found = _placed(fixed, placed, offsets)
     if shapes:
         found += [each for copy in range(stage.copies) for each in (*_bones(scene, placed, copy), *_frames(scene, placed, copy))]
     if stage.reference is not None:
-        q = np.tile(stage.reference.at(scene.model, t), (stage.copies, 1))
         ghosts = tuple(each for each in fixed if each.body != WORLD)
-        at = _placed(ghosts, moved_off(scene.postures(q), offsets), offsets)
+        at = _placed(ghosts, moved_off(scene.postures(stage.ghost_coordinates(t)), offsets), offsets)
         found += [each._replace(color=REFERENCE_COLOR, opacity=GHOST_OPACITY) for each in at]
     return found
 
@@ -143,3 +142,8 @@ def grid_spacing(size: float) -> float:
     """Between lines on the floor [m]: 1, 2 or 5 of some power of ten, about a sixth of the robot's size."""
     power = 10.0 ** np.floor(np.log10(size / 6.0))
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= size / 6.0))
+
+
+def floor_height(points: Float[np.ndarray, "n 3"]) -> float:
+    """Where the floor is [m]: at zero, or below all of these points."""
+    return float(min(0.0, points[:, 2].min()))

@@ -34,7 +34,10 @@ class View:
                 probe.bind((host, 0))
             except OSError as error:
                 raise ViewError(f"host {host!r} is no address of this machine ({error}); 127.0.0.1 is seen by it alone") from error
-        self._server = viser.ViserServer(host=host, port=port, label="kanejax", verbose=False)
+        # viser prints where it is, and that it stops.
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server = viser.ViserServer(host=host, port=port, label="kanejax", verbose=False)
+        self._server.gui.main_panel.dock_right()
         self._server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         self._page = Page(self._server, stage)
         self._panel = Panel(self._server, stage, self._page)
@@ -61,7 +64,6 @@ class View:
     def close(self) -> None:
         """Stop serving the page."""
         self._panel.close()
-        # viser prints that it stops.
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
 
