@@ -117,7 +117,7 @@ def view(
 def tell(notes: tuple[str, ...]) -> None:
     """Print what is not shown as it should be, to the terminal."""
     for note in notes:
-        complain(note, "note: ")
+        complain(note.replace("packages=", "--packages"), "note: ")
 
 
 def _refuse(problem: str) -> None:

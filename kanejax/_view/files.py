@@ -23,7 +23,7 @@ class MeshFolders:
     robot: Path | None
     packages: tuple[Path, ...] = ()
 
-    def file(self, name: str, owner: str) -> Path:
+    def file(self, name: str) -> Path:
         """The file that a URDF calls `name`: a path, file:// or package://.
 
         A package is a folder of its name above the robot's file, or one that the user named, or one in that.
@@ -32,10 +32,10 @@ class MeshFolders:
             ModelFileError: there is none, or it lies outside of these folders.
         """
         if name.startswith(_PACKAGE):
-            package, _, rest = name[len(_PACKAGE) :].partition("/")
+            package, _, rest = name[len(_PACKAGE) :].lstrip("/").partition("/")
             bases = self._package(package)
             if not bases:
-                raise ModelFileError(f"{owner} needs {name!r}, and no folder of packages has {package!r}; give one with packages=")
+                raise ModelFileError(f"{name!r} is in none of the known packages; name the folder of {package!r} with packages=")
             roots = tuple(base.resolve() for base in bases)
         else:
             rest = unquote(urlsplit(name).path) if name.startswith("file://") else name
@@ -43,11 +43,14 @@ class MeshFolders:
             bases = (*beside.bases, *self.packages)
             roots = (*beside.roots, *(folder.resolve() for folder in self.packages))
         # One of several folders may have it, and from another the name may lead out of all of them.
-        found = next((each for each in (_found(rest, base, roots, owner) for base in bases) if each), None)
-        found = found or permitted_file(rest, bases, roots, owner)
-        if found is None:
-            raise ModelFileError(f"{owner} needs {name!r}, which is not there")
-        return found
+        answers = [_answer(rest, base, roots) for base in bases]
+        found = next((each for each in answers if isinstance(each, Path)), None)
+        if found is not None:
+            return found
+        if any(answers):
+            listed = ", ".join(f"{str(root)!r}" for root in roots)
+            raise ModelFileError(f"{name!r} is no file in {listed}; copy it there, or name its folder with packages=")
+        raise ModelFileError(f"{name!r} is not there")
 
     def _package(self, package: str) -> tuple[Path, ...]:
         if package in ("", os.curdir, os.pardir):
@@ -57,8 +60,9 @@ class MeshFolders:
         return tuple(folder for folder in (*named, *above) if folder.is_dir())
 
 
-def _found(name: str, base: Path, roots: tuple[Path, ...], owner: str) -> Path | None:
+def _answer(name: str, base: Path, roots: tuple[Path, ...]) -> Path | str:
+    """A file, nothing if there is none, or why it may not be read."""
     try:
-        return permitted_file(name, (base,), roots, owner)
-    except ModelFileError:
-        return None
+        return permitted_file(name, (base,), roots, "a visual") or ""
+    except ModelFileError as error:
+        return str(error)

@@ -1,6 +1,7 @@
 """Reading mesh files of others: STL, OBJ and Collada, by trimesh, and nothing but the file itself."""
 
 import io
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,10 @@ FORMATS = {".stl": "stl", ".obj": "obj", ".dae": "dae"}
 _MOST_BYTES, _MOST_TRIANGLES = 2**28, 5_000_000
 
 
-def mesh_surfaces(path: Path, scale: Float[np.ndarray, "3"], color: Rgb | None) -> tuple[Surface, ...]:
-    """The surfaces of a mesh file, in the axes of the file.
+def mesh_surfaces(
+    path: Path, matrix: Float[np.ndarray, "3 3"], shift: Float[np.ndarray, "3"], color: Rgb | None
+) -> tuple[Surface, ...]:
+    """The surfaces of a mesh file, each vertex v of which becomes matrix v + shift.
 
     Materials and pictures that it names in other files are not read: an OBJ has the given colour, or grey; a Collada file has its
     own colours unless one is given.
@@ -37,13 +40,19 @@ def mesh_surfaces(path: Path, scale: Float[np.ndarray, "3"], color: Rgb | None) 
         _check_collada(data, path)
     trimesh = view_package("trimesh")
     try:
-        # Without a resolver no other file is read. What is wrong with a file of somebody else may raise anything.
-        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=None, process=False, skip_materials=kind == "obj")
-        parts = _parts(scene, color)
+        with warnings.catch_warnings():
+            # Of what those packages do themselves in ways that NumPy gives up.
+            warnings.simplefilter("ignore")
+            # Without a resolver no other file is read.
+            options = {"resolver": None, "process": False, "skip_materials": kind == "obj"}
+            parts = _parts(trimesh.load_scene(io.BytesIO(data), file_type=kind, **options), color)
     except Exception as error:
+        # What is wrong with a file of somebody else may raise anything.
         said = " ".join(str(error).split())[:200]
         raise ModelFileError(f"{path}: the mesh cannot be read ({type(error).__name__}: {said})") from error
-    surfaces = tuple(surface(triangles * scale, of) for of, triangles in parts.items())
+    # A mirrored triangle is wound the other way.
+    order = slice(None, None, -1 if np.linalg.det(matrix) < 0 else 1)
+    surfaces = tuple(surface((triangles @ matrix.T + shift)[:, order], of) for of, triangles in parts.items())
     if not sum(len(each.faces) for each in surfaces):
         raise ModelFileError(f"{path}: the mesh has no triangles")
     return tuple(each for each in surfaces if len(each.faces))

@@ -40,9 +40,9 @@ def mjcf_shapes(root: ElementTree.Element, path: Path, origin: str) -> tuple[lis
         if compiled.geom_group[geom] >= _SHOWN_GROUPS or opacity == 0.0:
             continue
         try:
-            parts = _geom(compiled, geom, files.get(geom), color, f"{origin}: a geom of body {_body_name(compiled, geom)!r}")
+            parts = _geom(compiled, geom, files.get(geom), color)
         except ModelFileError as error:
-            problems.append(str(error))
+            problems.append(f"body {compiled.body(int(compiled.geom_bodyid[geom])).name!r}: {error}")
             continue
         rotation = np.zeros(9)
         mujoco.mju_quat2Mat(rotation, compiled.geom_quat[geom])
@@ -57,20 +57,18 @@ class _MeshFile:
     def __init__(self, mesh: mujoco.MjsMesh, spec: mujoco.MjSpec, bases: tuple[Path, ...], roots: tuple[Path, ...]) -> None:
         self._name = Path(mesh.file).name if spec.strippath else mesh.file
         self._bases, self._roots = tuple(base / mesh.compiler.meshdir for base in bases), roots
-        self._scale, self._position, quaternion = np.array(mesh.scale), np.array(mesh.refpos), np.array(mesh.refquat)
-        inverse, matrix = np.zeros(4), np.zeros(9)
-        mujoco.mju_negQuat(inverse, quaternion)
-        mujoco.mju_quat2Mat(matrix, inverse)
-        self._rotation = matrix.reshape(3, 3)
+        quaternion, rotation = np.array(mesh.refquat), np.zeros(9)
+        mujoco.mju_normalize4(quaternion)
+        mujoco.mju_quat2Mat(rotation, quaternion)
+        # MuJoCo scales what it has brought into the frame of refpos and refquat.
+        self._matrix = np.diag(mesh.scale) @ rotation.reshape(3, 3).T
+        self._shift = -self._matrix @ np.array(mesh.refpos)
 
-    def surfaces(self, color: Rgb, owner: str) -> tuple[Surface, ...]:
-        path = permitted_file(self._name, self._bases, self._roots, owner)
+    def surfaces(self, color: Rgb) -> tuple[Surface, ...]:
+        path = permitted_file(self._name, self._bases, self._roots, "a mesh")
         if path is None:
-            raise ModelFileError(f"{owner} needs {self._name!r}, which is not there")
-        # MuJoCo takes refpos and refquat for the frame in which the vertices are given.
-        return tuple(
-            each.moved(self._rotation, -self._rotation @ self._position) for each in mesh_surfaces(path, self._scale, color)
-        )
+            raise ModelFileError(f"{self._name!r} is not there")
+        return mesh_surfaces(path, self._matrix, self._shift, color)
 
 
 def _mesh_files(root: ElementTree.Element, path: Path, origin: str, ngeom: int) -> dict[int, _MeshFile]:
@@ -86,12 +84,12 @@ def _mesh_files(root: ElementTree.Element, path: Path, origin: str, ngeom: int) 
     return {number: _MeshFile(mesh, spec, folders.bases, folders.roots) for number, mesh in named.items()}
 
 
-def _geom(compiled: mujoco.MjModel, geom: int, file: _MeshFile | None, color: Rgb, owner: str) -> tuple[Surface, ...]:
+def _geom(compiled: mujoco.MjModel, geom: int, file: _MeshFile | None, color: Rgb) -> tuple[Surface, ...]:
     kind = int(compiled.geom_type[geom])
     if kind == int(_GEOM.mjGEOM_MESH):
         return (surface(_compiled_mesh(compiled, int(compiled.geom_dataid[geom])), color),)
     if file is not None:
-        return file.surfaces(color, owner)
+        return file.surfaces(color)
     if kind not in _PRIMITIVES:
         return ()
     return (_PRIMITIVES[kind](compiled.geom_size[geom].copy(), color=color),)
@@ -109,7 +107,3 @@ def _look(compiled: mujoco.MjModel, geom: int) -> tuple[Rgb, float]:
         float(value) for value in (compiled.geom_rgba[geom] if material < 0 else compiled.mat_rgba[material])
     )
     return (red, green, blue), alpha
-
-
-def _body_name(compiled: mujoco.MjModel, geom: int) -> str:
-    return compiled.body(int(compiled.geom_bodyid[geom])).name

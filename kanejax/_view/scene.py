@@ -27,6 +27,7 @@ REFERENCE_COLOR = (0.0, 0.45, 0.70)
 BONE_COLOR = (0.35, 0.38, 0.42)
 # The smallest semi-axis that is drawn, over the size of the robot.
 _THINNEST = 0.002
+_MOST_PROBLEMS = 8
 
 
 class Fixed(NamedTuple):
@@ -58,7 +59,8 @@ class Scene:
     Attributes:
         model: the robot.
         shapes: what its file says it looks like.
-        ellipsoids: of every body with mass, the solid ellipsoid of uniform density with its mass and principal moments.
+        ellipsoids: of bodies with mass, the solid ellipsoid of uniform density with its mass and principal moments, unless it is
+            larger than the robot, as of bodies whose inertia was made up.
         bare: bodies without a shape that move or have mass: they are drawn as frames, and ellipsoids if they have mass.
         bones: pairs of bodies, one fixed to or hinged on the other, between whose origins a line is drawn.
         size: the length [m] of the robot in its reference posture, from corner to corner.
@@ -108,7 +110,17 @@ def scene_of(
         return _scene(robot, [], ())
     report = load_report(robot, strict=strict, repair=repair, allow_unphysical=allow_unphysical)
     shapes, problems = _shapes(robot, report.model, tuple(Path(folder) for folder in packages))
-    return _scene(report.model, shapes, (*report.ignored, *report.repaired, *problems))
+    return _scene(report.model, shapes, (*report.ignored, *report.repaired, *_not_drawn(problems, report.origin)))
+
+
+def _not_drawn(problems: list[str], origin: str) -> list[str]:
+    """One sentence for all shapes that cannot be drawn."""
+    if not problems:
+        return []
+    listed = "; ".join(problems[:_MOST_PROBLEMS]) + (
+        f"; and {len(problems) - _MOST_PROBLEMS} more" * (len(problems) > _MOST_PROBLEMS)
+    )
+    return [f"{origin}: {len(problems)} shapes are not drawn: {listed}"]
 
 
 def reference_coordinates(model: Model) -> Float[np.ndarray, " nq"]:
@@ -140,7 +152,7 @@ def _shapes(robot: str | os.PathLike, model: Model, packages: tuple[Path, ...]) 
     path, origin = (None, "XML text") if text else (Path(robot), str(robot))
     root = parsed_xml(str(robot).lstrip() if path is None else file_content(path), origin)
     if root.tag == "robot":
-        named, problems = urdf_shapes(root, MeshFolders(path, packages), origin)
+        named, problems = urdf_shapes(root, MeshFolders(path, packages))
         numbers = {name: number for number, name in enumerate(model.tree.body_names)}
         # A link called "world" is the world.
         return [Fixed(numbers.get(name, WORLD), each) for name, each in named], problems
@@ -154,18 +166,38 @@ def _shapes(robot: str | os.PathLike, model: Model, packages: tuple[Path, ...]) 
 def _scene(model: Model, shapes: list[Fixed], notes: tuple[str, ...]) -> Scene:
     tree = model.tree
     mass = np.asarray(model.mass, float)
-    drawn = {each.body for each in shapes}
+    drawn_bodies = {each.body for each in shapes}
     moved = set(tree.joint_bodies)
-    bare = tuple(body for body in range(tree.nbody) if body not in drawn and (mass[body] > 0 or body in moved))
+    bare = tuple(body for body in range(tree.nbody) if body not in drawn_bodies and (mass[body] > 0 or body in moved))
     found = Scene(model, tuple(shapes), (), bare, (), 1.0, notes)
     placed = found.postures(reference_coordinates(model)[None])
-    size = float(np.linalg.norm(np.ptp(outline(found, placed), axis=0))) or 1.0
+    axes = [_principal(*each) for each in zip(mass, np.asarray(model.central_inertia, float), strict=True)]
+    size = float(np.linalg.norm(np.ptp(outline(found, placed), axis=0)))
+    size = size or 2.0 * max((float(lengths.max()) for lengths, _ in axes), default=0.0) or 1.0
+    ellipsoids, huge = [], []
+    for body, (lengths, rotation) in enumerate(axes):
+        if mass[body] > 0 and lengths.max() <= size:
+            drawn = ellipsoid(np.maximum(lengths, _THINNEST * size), color=ELLIPSOID_COLOR, opacity=ELLIPSOID_OPACITY)
+            ellipsoids.append(Fixed(body, drawn.moved(rotation, np.asarray(model.com[body], float))))
+        elif mass[body] > 0:
+            huge.append(f"{tree.body_names[body]!r} ({lengths.max():.3g} m)")
+    if huge:
+        listed = ", ".join(huge[:_MOST_PROBLEMS]) + ", ..." * (len(huge) > _MOST_PROBLEMS)
+        notes = (*notes, f"inertias of too large a radius for the robot, whose ellipsoids are not drawn: {listed}")
     bones = tuple(
         (parent, body)
         for body, parent in enumerate(tree.body_parents)
-        if parent != WORLD and (body not in drawn or parent not in drawn) and _leads_on(body, tree.body_parents, mass)
+        if parent != WORLD and (body not in drawn_bodies or parent not in drawn_bodies) and _leads_on(body, tree.body_parents, mass)
     )
-    return dataclasses.replace(found, ellipsoids=_ellipsoids(model, _THINNEST * size), bones=bones, size=size)
+    return dataclasses.replace(found, ellipsoids=tuple(ellipsoids), bones=bones, size=size, notes=notes)
+
+
+def _principal(mass: float, inertia: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
+    """Semi-axes of a body's ellipsoid, and the rotation to them; zeros without mass."""
+    moments, axes = np.linalg.eigh(0.5 * (inertia + inertia.T))
+    # Right-handed, or the triangles would be inside out.
+    axes[:, 0] *= np.sign(np.linalg.det(axes))
+    return semi_axes(mass, moments) if mass > 0 else np.zeros(3), axes
 
 
 def _leads_on(body: int, parents: tuple[int, ...], mass: np.ndarray) -> bool:
@@ -175,20 +207,6 @@ def _leads_on(body: int, parents: tuple[int, ...], mass: np.ndarray) -> bool:
         if parents[child] in carried:
             carried.add(child)
     return bool(np.any(mass[list(carried)] > 0))
-
-
-def _ellipsoids(model: Model, thinnest: float) -> tuple[Fixed, ...]:
-    found = []
-    for body, (mass, com, inertia) in enumerate(zip(model.mass, model.com, model.central_inertia, strict=True)):
-        if mass > 0:
-            moments, axes = np.linalg.eigh(np.asarray(0.5 * (inertia + inertia.T), float))
-            # Right-handed, or the triangles would be inside out.
-            axes[:, 0] *= np.sign(np.linalg.det(axes))
-            drawn = np.maximum(semi_axes(float(mass), moments), thinnest)
-            found.append(
-                Fixed(body, ellipsoid(drawn, color=ELLIPSOID_COLOR, opacity=ELLIPSOID_OPACITY).moved(axes, np.asarray(com, float)))
-            )
-    return tuple(found)
 
 
 def visible(scene: Scene, *, shapes: bool = True, ellipsoids: bool = False) -> tuple[Fixed, ...]:

@@ -16,19 +16,24 @@ from kanejax._view.shape import GREY, Rgb, Surface, box, cylinder, ellipsoid
 _MOST_VISUALS = 1000
 
 
-def urdf_shapes(robot: ElementTree.Element, folders: MeshFolders, origin: str) -> tuple[list[tuple[str, Surface]], list[str]]:
+def urdf_shapes(robot: ElementTree.Element, folders: MeshFolders) -> tuple[list[tuple[str, Surface]], list[str]]:
     """The surfaces of a <robot>, each with its link's name and in its axes, and in sentences what could not be read."""
-    materials = {each.get("name", ""): color for each in robot.findall("material") if (color := _rgba(each, {}, origin))}
     found: list[tuple[str, Surface]] = []
     problems: list[str] = []
+    materials: dict[str, tuple[Rgb, float]] = {}
+    for material in robot.findall("material"):
+        name = material.get("name", "")
+        try:
+            materials |= {name: look} if (look := _rgba(material, {}, "it")) else {}
+        except ModelFileError as error:
+            problems.append(f"material {name!r}: {error}")
     for link in robot.findall("link"):
         name = link.get("name", "")
         for visual in link.findall("visual")[:_MOST_VISUALS]:
-            owner = f"{origin}: a visual of link {name!r}"
             try:
-                found += [(name, each) for each in _visual(visual, materials, folders, owner)]
+                found += [(name, each) for each in _visual(visual, materials, folders, "a visual")]
             except ModelFileError as error:
-                problems.append(str(error))
+                problems.append(f"link {name!r}: {error}")
     return found, problems
 
 
@@ -57,18 +62,16 @@ def _geometry(shape: ElementTree.Element, color: Rgb | None, folders: MeshFolder
         radius, length = (float(_positive(shape, key, 1, owner)[0]) for key in ("radius", "length"))
         return (cylinder(radius, length, **look),)
     if shape.tag == "mesh":
-        path = folders.file(text_of(shape, "filename", owner), owner)
+        path = folders.file(text_of(shape, "filename", owner))
         scale = np.array(numbers_of(shape, "scale", 3, owner)) if shape.get("scale") else np.ones(3)
-        return mesh_surfaces(path, scale, color)
+        return mesh_surfaces(path, np.diag(scale), np.zeros(3), color)
     raise ModelFileError(f"{owner} is a <{shape.tag}>, which is not drawn")
 
 
 def _positive(shape: ElementTree.Element, attribute: str, count: int, owner: str) -> Float[np.ndarray, " n"]:
     numbers = np.array(numbers_of(shape, attribute, count, owner))
     if not np.all((numbers > 0) & (numbers < 1e9)):
-        raise ModelFileError(
-            f"{owner}: <{shape.tag} {attribute}={shape.get(attribute)!r}> is no size; give lengths greater than zero"
-        )
+        raise ModelFileError(f"{owner}: <{shape.tag} {attribute}={shape.get(attribute)!r}> is no size; give positive lengths")
     return numbers
 
 
