@@ -43,6 +43,11 @@ class Panel:
         """The time that is shown [s]."""
         return self._t
 
+    @property
+    def playing(self) -> bool:
+        """Whether the clock runs."""
+        return self._playing.is_set()
+
     def show_time(self, t: float, *, plots: bool = True) -> None:
         """Show another time."""
         with self._lock:
@@ -86,7 +91,7 @@ class Panel:
             self._loop = self._gui.add_checkbox("repeat", True)
         # Without a client it was not the user who moved it.
         self.slider.on_update(lambda event: self.show_time(self.slider.value) if event.client is not None else None)
-        self._button.on_click(lambda _: self.play(not self._playing.is_set()))
+        self._button.on_click(lambda _: self.play(not self.playing))
 
     def _add_toggles(self) -> None:
         with self._gui.add_folder("show"):

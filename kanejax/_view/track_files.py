@@ -35,6 +35,8 @@ def read_tracks(path: str | os.PathLike, model: Model, rows: Sequence[int] | Non
     """
     file = Path(path)
     suffix = file.suffix.lower()
+    if not file.exists():
+        raise ViewError(f"{file}: there is no such file; give the path of a trajectory or a log")
     if suffix == ".zarr":
         return _store_tracks(file, model, rows), []
     if suffix == ".npz":

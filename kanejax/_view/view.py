@@ -49,6 +49,11 @@ class View:
         """The time of the motion that is shown [s]."""
         return self._panel.time
 
+    @property
+    def playing(self) -> bool:
+        """Whether the motion is played."""
+        return self._panel.playing
+
     def show_time(self, t: float) -> None:
         """Show the motion at a time [s], from 0 to its duration."""
         self._panel.show_time(t)

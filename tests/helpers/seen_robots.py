@@ -20,7 +20,7 @@ URDF = """<robot name="arm">
   <link name="lower">
     <inertial><origin xyz="0.1 0.02 0"/><mass value="1"/>
       <inertia ixx="0.002" iyy="0.004" izz="0.005" ixy="0" ixz="0" iyz="0.0003"/></inertial>
-    <visual><origin xyz="0.1 0 0" rpy="-0.2 0.1 0.7"/><geometry><mesh filename="tetrahedron.stl" scale="1 2 3"/></geometry></visual>
+    <visual><origin xyz="0.1 0 0" rpy="-0.2 0.1 0.7"/><geometry><mesh filename="tetrahedron.stl" scale="0.6 0.5 0.7"/></geometry></visual>
   </link>
   <link name="tool">
     <inertial><mass value="0.3"/><inertia ixx="0.001" iyy="0.001" izz="0.0015" ixy="0" ixz="0" iyz="0"/></inertial>
@@ -38,7 +38,7 @@ MJCF = """<mujoco>
   <default><default class="seen"><geom rgba="0.2 0.7 0.3 1" group="1"/></default></default>
   <asset>
     <material name="paint" rgba="0.8 0.3 0.1 1"/>
-    <mesh name="kept" file="tetrahedron.stl" scale="1 -2 3" refpos="0.05 0.1 -0.02" refquat="0.8 0.2 -0.5 0.1"/>
+    <mesh name="kept" file="tetrahedron.stl" scale="0.5 -0.4 0.8" refpos="0.05 0.1 -0.02" refquat="0.8 0.2 -0.5 0.1"/>
     <mesh name="missing" file="gone.obj"/>
     <mesh name="own" vertex="0 0 0  0.1 0 0  0 0.1 0  0 0 0.1"/>
   </asset>
@@ -80,4 +80,4 @@ def write_robots(folder):
 def swing(count=21, duration=1.0):
     """A motion of the URDF: times and coordinates."""
     ts = np.linspace(0.0, duration, count)
-    return ts, np.stack((np.sin(3.0 * ts), 2.0 * ts, 0.2 + 0.1 * np.sin(ts)), 1)
+    return ts, np.stack((-np.sin(3.0 * ts), 2.0 * ts, 0.2 + 0.1 * np.sin(ts)), 1)

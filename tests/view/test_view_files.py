@@ -56,7 +56,7 @@ def test_packages_are_folders_above_the_robot_of_that_name_or_named_by_the_user(
         assert drawn(elsewhere, packages=(packages,)) == (True, "")
     beside = robot(tmp_path / "other" / "urdf", "../../my_arm/meshes/t.stl")
     assert not drawn(beside)[0]
-    assert drawn(robot(tmp_path / "my_arm" / "urdf", "../meshes/t.stl", "up.urdf"), packages=(tmp_path / "my_arm",))[0] is False
+    assert drawn(robot(tmp_path / "my_arm" / "urdf", "../meshes/t.stl", "up.urdf"), packages=(tmp_path / "my_arm",))[0]
     assert drawn(robot(tmp_path / "my_arm" / "urdf", "meshes/t.stl", "in.urdf"), packages=(tmp_path / "my_arm",))[0]
 
 
@@ -153,7 +153,7 @@ def test_a_broken_mesh_is_refused_in_one_line(tmp_path, name, content):
         ('<sphere radius="0.06"/>', "<torus/>", "<torus>, which is not drawn"),
         ('<sphere radius="0.06"/>', "", "has no geometry"),
         ('rgba="0.1 0.2 0.9 1"', 'rgba="blue"', "material 'blue'"),
-        ('scale="1 2 3"', 'scale="1 2"', "not 3 finite numbers"),
+        ('scale="0.6 0.5 0.7"', 'scale="1 2"', "not 3 finite numbers"),
     ],
 )
 def test_a_broken_visual_is_named_and_the_others_are_seen(tmp_path, before, after, problem):
