@@ -45,6 +45,7 @@ BELOW = {
     "constraints": {"_optimize", "_kinematics"},
     "_toml": {"_errors"},
     "_identify": {"_checkpoint", "_logs", "_parameters", "_regression", "_simulation_fit", "_model", "_toml", "_errors"},
+    "_view": {"_dataset", "_logs", "_io", "_model", "_kinematics", "_whole_file", "_errors"},
     "_motion_task": {"_optimize", "costs", "constraints", "_identify", "_model", "_kinematics", "_io", "_toml", "_errors"},
 }
 
@@ -86,6 +87,12 @@ def test_import_is_light():
         "jinja2",
         "cyipopt",
         "zarr",
+        "viser",
+        "trimesh",
+        "embreex",
+        "av",
+        "PIL",
+        "imageio",
     }
     run(f"import sys, kanejax; assert not {heavy} & set(sys.modules)")
 

@@ -20,7 +20,8 @@ URDF = """<robot name="arm">
   <link name="lower">
     <inertial><origin xyz="0.1 0.02 0"/><mass value="1"/>
       <inertia ixx="0.002" iyy="0.004" izz="0.005" ixy="0" ixz="0" iyz="0.0003"/></inertial>
-    <visual><origin xyz="0.1 0 0" rpy="-0.2 0.1 0.7"/><geometry><mesh filename="tetrahedron.stl" scale="0.6 0.5 0.7"/></geometry></visual>
+    <visual><origin xyz="0.1 0 0" rpy="-0.2 0.1 0.7"/><geometry>
+      <mesh filename="tetrahedron.stl" scale="0.6 0.5 0.7"/></geometry></visual>
   </link>
   <link name="tool">
     <inertial><mass value="0.3"/><inertia ixx="0.001" iyy="0.001" izz="0.0015" ixy="0" ixz="0" iyz="0"/></inertial>
