@@ -15,6 +15,7 @@ from kanejax._logs.log import Log
 from kanejax._logs.read_log import read_log
 from kanejax._logs.tables import text_table
 from kanejax._model.model import Model
+from kanejax._model.tree import COORDINATES, SPEEDS
 from kanejax._view.scene import reference_coordinates
 from kanejax._view.shape import ViewError
 from kanejax._view.tracks import Track, tracks_of
@@ -38,9 +39,9 @@ def read_tracks(path: str | os.PathLike, model: Model, rows: Sequence[int] | Non
     if not file.exists():
         raise ViewError(f"{file}: there is no such file; give the path of a trajectory or a log")
     if suffix == ".zarr":
-        return _store_tracks(file, model, rows), []
+        return _store_tracks(file, model, rows)
     if suffix == ".npz":
-        return _npz_tracks(file, model, rows), []
+        return _npz_tracks(file, model, rows)
     if suffix in _LOGS:
         return log_tracks(_log(file, model), model, rows)
     raise ViewError(f"{file}: motions are read from .npz, .zarr, {', '.join(_LOGS)}; it ends in none of them")
@@ -92,7 +93,7 @@ def _log(file: Path, model: Model) -> Log:
     return Log(log.joints, type(run)(run.name, run.ts, run.q, nothing * np.nan, u=run.u, weight=nothing))
 
 
-def _npz_tracks(file: Path, model: Model, rows: Sequence[int] | None) -> list[Track]:
+def _npz_tracks(file: Path, model: Model, rows: Sequence[int] | None) -> tuple[list[Track], list[str]]:
     try:
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             entries = {entry.filename: entry.file_size for entry in archive.zip.infolist()}
@@ -113,11 +114,11 @@ def _npz_tracks(file: Path, model: Model, rows: Sequence[int] | None) -> list[Tr
         raise ViewError(f"{file}: not an NPZ file of a motion: {' '.join(str(error).split())[:200]}") from error
     if "q" not in arrays:
         raise ViewError(f"{file} has no array 'q'; it has {', '.join(keys)[:300] or 'nothing'}")
-    _check_joints(joints, model, file)
-    return tracks_of(arrays, model, rows, str(file))
+    arrays, notes = _of_all_joints(arrays, joints, model, file)
+    return tracks_of(arrays, model, rows, str(file)), notes
 
 
-def _store_tracks(path: Path, model: Model, rows: Sequence[int] | None) -> list[Track]:
+def _store_tracks(path: Path, model: Model, rows: Sequence[int] | None) -> tuple[list[Track], list[str]]:
     """Only these trajectories of a data set: it may have millions."""
     zarr = zarr_package()
     if not path.is_dir():
@@ -132,9 +133,11 @@ def _store_tracks(path: Path, model: Model, rows: Sequence[int] | None) -> list[
     except Exception as error:
         # Metadata of somebody else may raise anything.
         raise DatasetError(f"{path} is no data set of motions: {' '.join(str(error).split())[:200]}") from error
-    _check_joints(joints, model, path)
+    arrays, notes = _of_all_joints(arrays, joints, model, path)
     tracks = tracks_of(arrays, model, range(len(rows or (0,))), str(path))
-    return [dataclasses.replace(track, name=f"{path}, trajectory {row}") for track, row in zip(tracks, rows or (0,), strict=True)]
+    return [
+        dataclasses.replace(track, name=f"{path}, trajectory {row}") for track, row in zip(tracks, rows or (0,), strict=True)
+    ], notes
 
 
 def _stored(array: Any, key: str, rows: Sequence[int], path: Path) -> np.ndarray:
@@ -150,7 +153,25 @@ def _stored(array: Any, key: str, rows: Sequence[int], path: Path) -> np.ndarray
     return np.stack([np.asarray(array[row]) for row in rows]) if batched else np.asarray(array[:])
 
 
-def _check_joints(joints: Any, model: Model, origin: Path) -> None:
-    if isinstance(joints, list) and tuple(joints) != model.tree.joint_names:
-        of_file, of_robot = (", ".join(map(str, names))[:300] for names in (joints, model.tree.joint_names))
+def _of_all_joints(
+    arrays: dict[str, np.ndarray], joints: Any, model: Model, origin: Path
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Arrays for the whole robot from those of some of its joints, as of an optimization that held others still."""
+    tree = model.tree
+    if not isinstance(joints, list) or tuple(joints) == tree.joint_names:
+        return arrays, []
+    if not set(joints) <= set(tree.joint_names):
+        of_file, of_robot = (", ".join(map(str, names))[:300] for names in (joints, tree.joint_names))
         raise ViewError(f"{origin} is of a robot with the joints {of_file}, but this one has {of_robot}")
+    numbers = [tree.joint(name) for name in joints]
+    found = dict(arrays)
+    rest = {"q": reference_coordinates(model), "u": np.zeros(model.nv), "tau": np.full(model.nv, np.nan)}
+    for key in rest.keys() & arrays.keys():
+        sizes, starts = (COORDINATES, tree.q_start) if key == "q" else (SPEEDS, tree.v_start)
+        columns = [starts[joint] + k for joint in numbers for k in range(sizes[tree.joint_types[joint]])]
+        given = arrays[key]
+        if given.ndim and given.shape[-1] == len(columns) and given.dtype.kind in "fiu":
+            found[key] = np.tile(rest[key], (*given.shape[:-1], 1))
+            found[key][..., columns] = given
+    resting = [name for name in tree.joint_names if name not in joints]
+    return found, [f"not in {origin}, and shown at rest: {', '.join(resting)}"]

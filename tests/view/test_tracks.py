@@ -62,6 +62,7 @@ def test_coordinates_between_rows_turn_the_shorter_way():
 
 def test_forces_that_hold_during_a_step_have_two_values_at_a_time():
     (track,) = staged({"ts": np.arange(3.0), "q": np.zeros((3, 3)), "tau": np.array([[1.0, 0, 0], [2.0, 0, 0]])}).tracks
+    assert track.tau is not None
     np.testing.assert_array_equal(track.tau_ts, [0.0, 1.0, 1.0, 2.0])
     np.testing.assert_array_equal(track.tau[:, 0], [1.0, 1.0, 2.0, 2.0])
 
@@ -77,12 +78,22 @@ def test_files_of_the_commands_hold_the_same_motion(tmp_path):
     np.testing.assert_array_equal(first.q, arrays["q"][0])
     (optimal,) = read_tracks(tmp_path / "motion.npz", MODEL, None)[0]
     np.testing.assert_array_equal(optimal.q, last.q)
+    assert optimal.tau is not None
     assert len(optimal.tau) == 40
     (stored,) = read_tracks(tmp_path / "runs.zarr", MODEL, (2,))[0]
-    store = zarr.open_group(str(tmp_path / "runs.zarr"), mode="r")
-    np.testing.assert_array_equal(stored.q, store["q"][2])
-    np.testing.assert_array_equal(stored.tau, store["tau"][2])
+    for name in ("q", "tau"):
+        np.testing.assert_array_equal(getattr(stored, name), np.asarray(zarr.open_array(str(tmp_path / "runs.zarr" / name)))[2])
     assert stored.name.endswith("runs.zarr, trajectory 2")
+
+
+def test_a_motion_of_some_joints_leaves_the_others_at_rest(tmp_path):
+    ts, q = swing()
+    np.savez(tmp_path / "m.npz", ts=ts, q=q[:, [1, 0]], tau=q[1:, [1, 0]], joint_names=np.array(["elbow", "shoulder"]))
+    (track,), (note,) = read_tracks(tmp_path / "m.npz", MODEL, None)
+    np.testing.assert_array_equal(track.q, np.column_stack((q[:, :2], np.full(len(ts), 0.1))))
+    assert track.tau is not None
+    np.testing.assert_array_equal(track.tau[:2, :2], q[[1, 1], :2])
+    assert note.endswith("m.npz, and shown at rest: slide")
 
 
 @pytest.mark.parametrize("measured", [("position",), ("position", "velocity", "effort")])
