@@ -136,6 +136,9 @@ def _veiled(
     """Colours behind what is translucent and nearer than `distance`: the first few layers of it."""
     left, veil = np.ones(len(rays)), np.zeros_like(color)
     at, begin = np.arange(len(rays)), np.zeros(len(rays))
+    length = float(np.linalg.norm(camera.target - camera.position))
+    # What coincides with something solid, such as a reference that is kept to, would show through in patches.
+    distance = distance - 1e-3 * length
     for _ in range(_LAYERS if glass is not None else 0):
         hits = _cast(glass, camera.position + begin[at, None] * rays[at], rays[at])
         seen = hits.met & (begin[at] + hits.distance < distance[at])
@@ -143,7 +146,7 @@ def _veiled(
         veil[at] += (left[at] * hits.opacity)[:, None] * _shaded(hits.color, hits.normal, rays[at], lamp)
         left[at] *= 1.0 - hits.opacity
         # On from behind the surface.
-        begin[at] += hits.distance + 1e-4 * np.linalg.norm(camera.target - camera.position)
+        begin[at] += hits.distance + 1e-4 * length
     return veil + left[:, None] * color
 
 

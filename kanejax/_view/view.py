@@ -5,6 +5,7 @@ import html
 import io
 import os
 import socket
+import threading
 from collections.abc import Sequence
 from typing import final
 
@@ -34,9 +35,11 @@ class View:
                 probe.bind((host, 0))
             except OSError as error:
                 raise ViewError(f"host {host!r} is no address of this machine ({error}); 127.0.0.1 is seen by it alone") from error
+        before = set(threading.enumerate())
         # viser prints where it is, and that it stops.
         with contextlib.redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(host=host, port=port, label="kanejax", verbose=False)
+        self._serving = set(threading.enumerate()) - before
         self._server.gui.main_panel.dock_right()
         self._server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         self._page = Page(self._server, stage)
@@ -71,6 +74,9 @@ class View:
         self._panel.close()
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
+            # It says so at the end of its thread, for which it does not wait long.
+            for thread in self._serving:
+                thread.join(timeout=10.0)
 
     def __enter__(self) -> "View":
         """The page itself, which is closed when the block is left."""
