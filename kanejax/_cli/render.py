@@ -59,7 +59,7 @@ def render(
 ) -> None:
     """Make a film of a robot's motion, or a picture of a moment, without a screen or a graphics card.
 
-    Robots and motions are those of `kanejax view`. The same command writes the same bytes.
+    Robots and motions are those of `kanejax view`. The same command makes the same pictures.
 
     Examples: `kanejax render arm.urdf --trajectory runs.npz --out film.mp4`,
     `kanejax render arm.urdf --trajectory result/motion.npz --out film.gif --size 480x270 --fps 20`,

@@ -1,4 +1,4 @@
-"""Pictures by casting rays at triangles: no screen, no graphics card, and the same bytes each time."""
+"""Pictures by casting rays at triangles: no screen, no graphics card, and the same picture each time."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -93,7 +93,8 @@ def _cast(solid: _Solid | None, origins: Float[np.ndarray, "n 3"], rays: Float[n
     hit = solid.embree.run(origins.astype(np.float32), rays.astype(np.float32), output=True)
     met = hit["primID"] >= 0
     face = np.maximum(hit["primID"], 0)
-    b, c = hit["u"].astype(float)[:, None], hit["v"].astype(float)[:, None]
+    # Of rays that meet nothing Embree says anything.
+    b, c = (np.where(met, hit[key].astype(float), 0.0)[:, None] for key in ("u", "v"))
     corners = solid.corner_normals[face]
     normal = (1.0 - b - c) * corners[:, 0] + b * corners[:, 1] + c * corners[:, 2]
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]

@@ -41,7 +41,7 @@ def render(
 ) -> tuple[str, ...]:
     """Make a film of a moving robot, or a picture of a moment, by casting rays: it needs no screen and no graphics card.
 
-    The same arguments give the same bytes. A file that an interruption leaves half done does not appear.
+    The same arguments give the same pictures. A file that an interruption leaves half done does not appear.
 
     Args:
         robot: as in `view`.

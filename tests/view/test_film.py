@@ -1,4 +1,4 @@
-"""Films: so many pictures, so large, the robot where it is, the same bytes each time, and no file after an interruption."""
+"""Films: so many pictures, so large, the robot where it is, the same pictures each time, and no file after an interruption."""
 
 import os
 import signal
@@ -75,7 +75,7 @@ def test_a_film_has_the_pictures_and_the_robot_moves_in_it(folder):
         ).exit_code
         == 0
     )
-    assert (folder / "again.mp4").read_bytes() == (folder / "film.mp4").read_bytes()
+    np.testing.assert_allclose(np.array(film("again.mp4")[1]), np.array(pictures), atol=12)
     assert sorted(path.name for path in folder.glob("*.mp4")) == ["again.mp4", "film.mp4"]
 
 
@@ -93,6 +93,8 @@ def test_a_gif_keeps_its_colours_and_its_times(folder):
 def test_a_picture_shows_the_posture_of_its_time(folder):
     kj.render("arm.urdf", "motion.npz", "later.png", size=SIZE, azimuth=-90.0, start=0.8)
     kj.render("arm.urdf", "motion.npz", "first.png", size=SIZE, azimuth=-90.0)
+    kj.render("arm.urdf", "motion.npz", "again.png", size=SIZE, azimuth=-90.0, start=0.8)
+    assert (folder / "again.png").read_bytes() == (folder / "later.png").read_bytes()
     later, first = (np.array(Image.open(name)) for name in ("later.png", "first.png"))
     assert later.shape == (136, 240, 3)
     assert np.linalg.norm(np.argwhere(red(later)).mean(0) - np.argwhere(red(first)).mean(0)) > 5.0
