@@ -172,6 +172,9 @@ if _typing.TYPE_CHECKING:
     from kanejax._simulation_fit.simulation_fit import FitInterrupted as FitInterrupted, SimulationFit as SimulationFit
     from kanejax._validate.report import ValidationReport as ValidationReport, ValidationRow as ValidationRow
     from kanejax._validate.validate import validate as validate
+    from kanejax._view.render import render as render
+    from kanejax._view.shape import ViewError as ViewError
+    from kanejax._view.view import View as View, view as view
 else:
     _LATER = {
         "_dataset.study": ("GivenForces", "RandomForces", "Randomized", "Study"),
@@ -227,6 +230,9 @@ else:
         "_simulation_fit.simulation_fit": ("FitInterrupted", "SimulationFit"),
         "_validate.report": ("ValidationReport", "ValidationRow"),
         "_validate.validate": ("validate",),
+        "_view.render": ("render",),
+        "_view.shape": ("ViewError",),
+        "_view.view": ("View", "view"),
     }
     _MODULES = {name: f"{__name__}.{module}" for module, names in _LATER.items() for name in names}
     # These are modules themselves.

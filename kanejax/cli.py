@@ -1,4 +1,4 @@
-"""The command `kanejax`: look at a robot, validate it, simulate it, identify it, find its optimal motions.
+"""The command `kanejax`: look at a robot, validate it, simulate it, see it move, identify it, find its optimal motions.
 
 Exit codes: 0 all is well; 1 a tolerance is exceeded, a trajectory failed, or a fit did not converge; 2 the input or the usage is
 wrong; 130 interrupted.
@@ -12,6 +12,7 @@ import typer
 
 from kanejax._cli.identify import identify
 from kanejax._cli.optimize import optimize
+from kanejax._cli.render import render
 from kanejax._cli.simulate import simulate
 from kanejax._cli.terminal import (
     BAD_INPUT,
@@ -34,6 +35,7 @@ from kanejax._cli.terminal import (
     with_options,
 )
 from kanejax._cli.usage import Commands, print_version
+from kanejax._cli.view import view
 from kanejax._errors import KanejaxError
 
 app = typer.Typer(
@@ -150,9 +152,8 @@ def validate(
         raise typer.Exit(BAD_INPUT if refused else FAILED)
 
 
-app.command(epilog=EXIT_CODES)(simulate)
-app.command(epilog=EXIT_CODES)(identify)
-app.command(epilog=EXIT_CODES)(optimize)
+for command in (simulate, view, render, identify, optimize):
+    app.command(epilog=EXIT_CODES)(command)
 
 
 if __name__ == "__main__":

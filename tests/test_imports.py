@@ -47,6 +47,7 @@ BELOW = {
     "_toml": {"_errors"},
     "_identify": {"_checkpoint", "_logs", "_parameters", "_regression", "_simulation_fit", "_plots", "_model", "_toml", "_errors"},
     "plots": {"_plots", "_identify"},
+    "_view": {"_dataset", "_logs", "_io", "_model", "_kinematics", "_whole_file", "_errors"},
     "_motion_task": {
         "_optimize",
         "costs",
@@ -99,6 +100,12 @@ def test_import_is_light():
         "jinja2",
         "cyipopt",
         "zarr",
+        "viser",
+        "trimesh",
+        "embreex",
+        "av",
+        "PIL",
+        "imageio",
     }
     run(f"import sys, kanejax; assert not {heavy} & set(sys.modules)")
 
