@@ -81,7 +81,7 @@ from kanejax._operation_count import OperationCount as OperationCount, operation
 # What needs MuJoCo, diffrax or rich is imported when it is first used: they take longer than all else here. Type checkers read
 # the imports, Python reads the table.
 if _typing.TYPE_CHECKING:
-    from kanejax import constraints as constraints, costs as costs, distributions as distributions
+    from kanejax import constraints as constraints, costs as costs, distributions as distributions, plots as plots
     from kanejax._checkpoint import CheckpointError as CheckpointError, CheckpointWarning as CheckpointWarning
     from kanejax._dataset.study import (
         GivenForces as GivenForces,
@@ -230,7 +230,7 @@ else:
     }
     _MODULES = {name: f"{__name__}.{module}" for module, names in _LATER.items() for name in names}
     # These are modules themselves.
-    _MODULES |= {"constraints": __name__, "costs": __name__, "distributions": __name__}
+    _MODULES |= {"constraints": __name__, "costs": __name__, "distributions": __name__, "plots": __name__}
 
     def __getattr__(name: str) -> object:
         """Import a public name when it is first used."""
