@@ -1,7 +1,7 @@
 """Figures of motions and identifications: `kanejax.plots.coordinates(model, path)` and others.
 
-Every function returns a `matplotlib.figure.Figure`, which a notebook shows by itself and `figure.savefig("name.svg")` writes. They need
-matplotlib: `pip install 'kanejax[plots]'`.
+Every function returns a `matplotlib.figure.Figure`, which a notebook shows by itself and `figure.savefig("name.svg")` writes. They
+need matplotlib: `pip install 'kanejax[plots]'`.
 """
 
 from kanejax._identify.report.figures import (

@@ -43,9 +43,22 @@ BELOW = {
     "_optimize": {"_checkpoint", "_optimal_control"} | MODEL | {"_simulate", "_lanes", "_io", "_errors"},
     "costs": {"_optimize", "_kinematics"},
     "constraints": {"_optimize", "_kinematics"},
+    "_plots": {"_logs", "_optimize", "_model", "_dynamics", "_errors"},
     "_toml": {"_errors"},
-    "_identify": {"_checkpoint", "_logs", "_parameters", "_regression", "_simulation_fit", "_model", "_toml", "_errors"},
-    "_motion_task": {"_optimize", "costs", "constraints", "_identify", "_model", "_kinematics", "_io", "_toml", "_errors"},
+    "_identify": {"_checkpoint", "_logs", "_parameters", "_regression", "_simulation_fit", "_plots", "_model", "_toml", "_errors"},
+    "plots": {"_plots", "_identify"},
+    "_motion_task": {
+        "_optimize",
+        "costs",
+        "constraints",
+        "_plots",
+        "_identify",
+        "_model",
+        "_kinematics",
+        "_io",
+        "_toml",
+        "_errors",
+    },
 }
 
 

@@ -1,18 +1,23 @@
 """From what is handed in to arrays that fit the model."""
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from kanejax._errors import KanejaxError
+from kanejax._logs.log import Log, Run
 from kanejax._model.generalized_speeds import AnyModel, WithSpeeds, own
-from kanejax._model.model import Model
+from kanejax._model.model import leaf_shapes
 from kanejax._model.specialized import whole
-from kanejax._optimize.limits import Limits, joint_ranges
+from kanejax._optimize.limits import Limits
 
-Array = np.ndarray
 _SIZES = {"q": "nq", "u": "nv", "tau": "nv"}
+_REMEDIES = {
+    **dict.fromkeys(("q", "u"), "give what kj.simulate or kj.optimize returns, or another object with such arrays"),
+    "tau": "give what kj.optimize returns, or times and forces: torques(model, ts, tau)",
+}
 
 
 class PlotError(KanejaxError, ValueError):
@@ -22,8 +27,8 @@ class PlotError(KanejaxError, ValueError):
 class Series(NamedTuple):
     """Values over time; one row fewer than times are held from each time to the next."""
 
-    ts: Float[Array, " n"]
-    values: Float[Array, "m k"]
+    ts: Float[np.ndarray, " n"]
+    values: Float[np.ndarray, "m k"]
 
     @property
     def is_held(self) -> bool:
@@ -31,9 +36,17 @@ class Series(NamedTuple):
         return len(self.values) < len(self.ts)
 
 
-def plain_model(model: AnyModel) -> Model:
-    """The mechanism with its parameters, for ranges of joints."""
-    return whole(own(model))
+def check_one_model(model: AnyModel, leaves: Iterable[str]) -> None:
+    """Refuse a batch of models where numbers of one are needed.
+
+    Raises:
+        PlotError: one of these leaves has a batch axis.
+    """
+    one, shapes = whole(own(model)), leaf_shapes(model.tree)
+    for name in leaves:
+        if (shape := np.shape(getattr(one, name))) != shapes[name]:
+            remedy = "choose the one that the motion is of with jax.tree.map"
+            raise PlotError(f"model.{name} has shape {shape}, but one model has {shapes[name]}; {remedy}")
 
 
 def series(model: AnyModel, path: Any, field: str, origin: str) -> Series:
@@ -48,10 +61,12 @@ def series(model: AnyModel, path: Any, field: str, origin: str) -> Series:
     Raises:
         PlotError: the path has no such field, several motions, or another robot's.
     """
+    kind = type(path).__name__
+    if isinstance(path, Log | Run):
+        raise PlotError(f"{origin} is a {kind}, whose columns are the log's joints; draw what kj.motions(log, model) returns")
     for name in ("ts", field):
         if not hasattr(path, name):
-            remedy = "give what kj.simulate or kj.optimize returns, or another object with such arrays"
-            raise PlotError(f"{origin} is a {type(path).__name__}, which has no {name!r}; {remedy}")
+            raise PlotError(f"{origin} is a {kind}, which has no {name!r}; {_REMEDIES[field]}")
     return checked_series(model, path.ts, getattr(path, field), field, (f"{origin}.ts", f"{origin}.{field}"))
 
 
@@ -92,7 +107,7 @@ def check_speeds_are_own(model: AnyModel, field: str) -> None:
         raise PlotError(f"the speeds of a model with chosen speeds belong to no joint; {remedy}")
 
 
-def limits_of(model: AnyModel, field: str, limits: Any) -> Float[Array, "2 nv"] | None:
+def limits_of(model: AnyModel, field: str, limits: Any) -> Float[np.ndarray, "2 nv"] | None:
     """Least and greatest of each speed.
 
     Args:
@@ -105,26 +120,18 @@ def limits_of(model: AnyModel, field: str, limits: Any) -> Float[Array, "2 nv"] 
     """
     if isinstance(limits, Limits):
         found = getattr(limits, field)
-    elif limits is None:
-        found = joint_ranges(plain_model(model)) if field == "q" else None
+    elif limits is None and field != "q":
+        found = None
     else:
+        check_one_model(model, ("joint_range",))
         try:
-            found = getattr(Limits(plain_model(model), **{field: limits}), field)
+            given: dict[str, Any] = {field: limits}
+            found = getattr(Limits(whole(own(model)), **given), field)
         except ValueError as error:
             raise PlotError(str(error)) from error
     if found is not None and found.shape != (2, model.nv):
         raise PlotError(f"limits.{field} has shape {found.shape}, but this model needs (2, nv) = (2, {model.nv})")
     return None if found is None else np.asarray(found)
-
-
-def energy_states(model: AnyModel, path: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, coordinates and speeds of one motion, in whatever speeds the model has.
-
-    Raises:
-        PlotError: the path has no such field, several motions, or another robot's.
-    """
-    q, u = series(model, path, "q", "path"), series(own(model), path, "u", "path")
-    return q.ts, q.values, u.values
 
 
 def several(model: AnyModel, paths: Any, field: str) -> list[Series]:
@@ -133,34 +140,36 @@ def several(model: AnyModel, paths: Any, field: str) -> list[Series]:
     Raises:
         PlotError: a path has no such field, or another robot's.
     """
-    if isinstance(paths, list | tuple) and not hasattr(paths, "ts"):
+    if isinstance(paths, list):
         if not paths:
             raise PlotError("paths is empty; give at least one motion")
         return [series(model, path, field, f"paths[{i}]") for i, path in enumerate(paths)]
     if np.ndim(getattr(paths, field, 0)) < 3:
         return [series(model, paths, field, "paths")]
     ts, values = np.asarray(paths.ts), np.asarray(getattr(paths, field))
-    rows = np.broadcast_to(ts, (len(values), *ts.shape[-1:])) if ts.ndim < 3 else ts
+    if values.ndim > 3 or ts.shape[:-1] not in ((), values.shape[:1]):
+        needed = f"(batch, n, {_SIZES[field]}), and paths.ts (n,) or (batch, n)"
+        raise PlotError(f"paths.{field} has shape {values.shape} and paths.ts {ts.shape}, but {needed} are needed")
     names = ("paths.ts", f"paths.{field}")
+    rows = np.broadcast_to(ts, (len(values), ts.shape[-1]))
     return [checked_series(model, t, row, field, names) for t, row in zip(rows, values, strict=True)]
 
 
 def batch(model: AnyModel, paths: Any, field: str) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "batch m k"]]:
-    """Times and one field of motions along a batch axis.
+    """Times and one field of motions in a list or along a batch axis.
 
     Raises:
-        PlotError: there is no batch axis, times differ, or the motions are another robot's.
+        PlotError: there is but one motion, times differ, or the motions are another robot's.
     """
     if field not in _SIZES:
         raise PlotError(f"what is {field!r}; use {', '.join(map(repr, _SIZES))}")
-    if not isinstance(paths, list | tuple) and np.ndim(getattr(paths, field, np.zeros((1, 1, 1)))) < 3:
-        shape = np.shape(getattr(paths, field))
-        needed = f"(batch, n, {_SIZES[field]})"
+    rows = several(model, paths, field)
+    if not isinstance(paths, list) and np.ndim(getattr(paths, field)) == 2:
+        shape, needed = np.shape(getattr(paths, field)), f"(batch, n, {_SIZES[field]})"
         remedy = "give a batch, such as kj.simulate_batch returns, or draw one motion with kj.plots.motion"
         raise PlotError(f"paths.{field} has shape {shape}, but quantiles need {needed}; {remedy}")
-    rows = several(model, paths, field)
-    ts = rows[0].ts
+    first = rows[0]
     for number, row in enumerate(rows):
-        if row.ts.shape != ts.shape or not np.array_equal(row.ts, ts):
-            raise PlotError(f"motion {number} of paths has other times than motion 0; interpolate them to the same")
-    return ts, np.stack([row.values for row in rows])
+        if row.values.shape != first.values.shape or not np.array_equal(row.ts, first.ts):
+            raise PlotError(f"motion {number} of paths has other times than motion 0; interpolate all to the same")
+    return first.ts, np.stack([row.values for row in rows])

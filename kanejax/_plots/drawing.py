@@ -90,7 +90,8 @@ def draw_limits(
     """
     real = values[np.isfinite(values)]
     low, high = (float(real.min()), float(real.max())) if real.size else (0.0, 0.0)
-    room = max(high - low, 1e-6 * max(abs(low), abs(high)), 1e-9)
+    # What stands still is drawn as a line, not its rounding errors.
+    room = max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-6)
     shown, far = [low, high], []
     for limit in sorted(set() if pair is None else {float(each) for each in np.ravel(pair) if np.isfinite(each)}):
         if low - 1.5 * room <= limit <= high + 1.5 * room:
@@ -99,7 +100,7 @@ def draw_limits(
         else:
             far.append(limit)
     span = max(shown) - min(shown)
-    margin = 0.08 * max(span, room)
+    margin = 0.08 * max(span, room) + 0.5 * max(room - span, 0.0)
     axes.set_ylim(min(shown) - margin, max(shown) + margin)
     if far:
         text = ("limit " if len(far) == 1 else "limits ") + ", ".join(_number(each) for each in far)

@@ -8,7 +8,8 @@ import numpy as np
 
 from kanejax._dynamics.energy import kinetic_energy, potential_energy
 from kanejax._model.generalized_speeds import AnyModel, WithSpeeds, own
-from kanejax._plots.arrays import energy_states
+from kanejax._model.model import leaf_shapes
+from kanejax._plots.arrays import check_one_model, series
 from kanejax._plots.style import PAPER, new_figure, on_paper
 
 if TYPE_CHECKING:
@@ -19,8 +20,9 @@ if TYPE_CHECKING:
 def energies(model: AnyModel, path: Any) -> "matplotlib.figure.Figure":
     """Kinetic and potential energy and their sum over time; below, by how much the sum has changed.
 
-    The change is relative to the greatest kinetic energy of the motion, which, unlike the sum, does not depend on where the potential
-    energy is zero. Where nothing moves it is in J. Without friction and other forces than gravity and springs it is the solver's error.
+    The change is relative to the greatest kinetic energy of the motion, which, unlike the sum, does not depend on where the
+    potential energy is zero. Where nothing moves it is in J. Without friction and forces other than gravity and springs it is the
+    solver's error.
 
     Args:
         model: the mechanism.
@@ -31,7 +33,9 @@ def energies(model: AnyModel, path: Any) -> "matplotlib.figure.Figure":
         PlotError: there are several motions, or they are not the model's.
         ImportError: matplotlib is not installed; the message says how to install it.
     """
-    ts, q, u = energy_states(model, path)
+    check_one_model(model, leaf_shapes(model.tree))
+    # Energies are known in chosen speeds too.
+    (ts, q), (_, u) = series(model, path, "q", "path"), series(own(model), path, "u", "path")
     kinetic, potential = (np.asarray(each) for each in _energies(model, *(jnp.asarray(x, model.dtype) for x in (ts, q, u))))
     total = kinetic + potential
     figure = new_figure(9.0, 4.6)
@@ -41,7 +45,7 @@ def energies(model: AnyModel, path: Any) -> "matplotlib.figure.Figure":
     upper.set_title("energy", loc="left", fontsize="medium", fontweight="bold")
     upper.set_ylabel("J")
     upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0, frameon=False, fontsize="small")
-    greatest = float(np.nanmax(kinetic, initial=0.0))
+    greatest = float(kinetic[np.isfinite(kinetic)].max(initial=0.0))
     lower.axhline(0.0, color=PAPER["faint"], linewidth=0.8)
     lower.plot(ts, (total - total[0]) / (greatest or 1.0), color=PAPER["predicted"])
     title = "change of the total, relative to the greatest kinetic energy" if greatest else "change of the total"

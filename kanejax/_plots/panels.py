@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from kanejax._errors import UnknownNameError
 from kanejax._model.tree import Tree
+from kanejax._plots.arrays import PlotError
 
 _XYZ, _WXYZ = ("x", "y", "z"), ("w", "x", "y", "z")
 
@@ -41,12 +42,15 @@ class Panel(NamedTuple):
 
 
 def panels_of(tree: Tree, joints: str | Iterable[str] | None = None) -> list[Panel]:
-    """The panels of some joints, by default of all; two of a free joint, one for position and one for orientation.
+    """The panels of some joints, by default of all; two of a free joint, one for translation and one for rotation.
 
     Raises:
+        PlotError: there are none.
         UnknownNameError: a joint is not in the model; the message lists those that are.
     """
     names = tree.joint_names if joints is None else (joints,) if isinstance(joints, str) else tuple(joints)
+    if not names:
+        raise PlotError("there are no joints to draw")
     return [panel for name in names for panel in _panels(tree, tree.joint(name))]
 
 
@@ -72,7 +76,7 @@ def _panels(tree: Tree, joint: int) -> list[Panel]:
     if kind == "ball":
         return [_turning(name, name, q, v)]
     moving = _quantities(q, v, ("m", "m/s", "N"), _XYZ)
-    return [Panel(name, f"{name}, position", *moving, plain=False), _turning(name, f"{name}, orientation", q + 3, v + 3)]
+    return [Panel(name, f"{name}, translation", *moving, plain=False), _turning(name, f"{name}, rotation", q + 3, v + 3)]
 
 
 def _quantities(q: int, v: int, units: tuple[str, str, str], parts: tuple[str, ...] = ()) -> list[Quantity]:

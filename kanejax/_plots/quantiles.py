@@ -27,7 +27,7 @@ def quantiles(
     levels: Sequence[float] = (0.05, 0.25, 0.5, 0.75, 0.95),
     joints: str | Iterable[str] | None = None,
 ) -> "matplotlib.figure.Figure":
-    """Quantiles of a batch of motions over time, a panel for each joint: bands between pairs of levels, and a line for the middle one.
+    """Quantiles of a batch of motions over time, a panel for each joint: bands between pairs of levels, a line for the middle one.
 
     At every time they are those of the motions that reached it; the figure says how many did not reach the end.
 
@@ -35,8 +35,8 @@ def quantiles(
         model: the mechanism.
         paths: motions with a leading batch axis and the same times, such as `simulate_batch` returns.
         what: "q" for coordinates, "u" for speeds, "tau" for forces.
-        levels: increasing, between 0 and 1. The first and the last bound the widest band, and so on inwards; if their number is odd,
-            the middle one is drawn as a line.
+        levels: increasing, between 0 and 1. The first and the last bound the widest band, and so on inwards; if their number is
+            odd, the middle one is drawn as a line.
         joints: names of the joints to draw, by default all.
 
     Raises:
@@ -55,6 +55,7 @@ def quantiles(
             _draw(axes, ts, bands[..., part], held=values.shape[1] < len(ts))
         label_axes(axes, ts, quantity)
     explain(figure, _names(at))
+    figure.suptitle(_count(values), x=0.01, ha="left", fontsize="medium")
     figure.align_ylabels()
     return figure
 
@@ -70,7 +71,7 @@ def _quantiles(values: Float[np.ndarray, "batch n k"], at: Float[np.ndarray, " l
     """Of what is finite; nan where nothing is."""
     real = np.where(np.isfinite(values), values, np.nan)
     some = np.isfinite(real).any(axis=0)
-    return np.where(some, np.nanquantile(np.where(some, real, 0.0), at.astype(real.dtype), axis=0), np.nan)
+    return np.where(some, np.nanquantile(np.where(some, real, 0.0), at, axis=0), np.nan)
 
 
 def _draw(axes: "matplotlib.axes.Axes", ts: np.ndarray, bands: Float[np.ndarray, "levels n"], held: bool) -> None:
@@ -93,6 +94,12 @@ def _names(at: Float[np.ndarray, " levels"]) -> list[tuple[str, dict[str, Any]]]
         name = f"{100 * at[i]:g} to {100 * at[-1 - i]:g} %"
         found.append((name, {"color": PAPER["predicted"], "alpha": alpha, "linewidth": 8.0}))
     return found
+
+
+def _count(values: Float[np.ndarray, "batch n k"]) -> str:
+    """How many motions there are, and how many of them end before the last time."""
+    early = int(np.sum(~np.isfinite(values[:, -1]).all(axis=-1)))
+    return f"{len(values)} motions" + (f", {early} of them end early" if early else "")
 
 
 def _alphas(pairs: int) -> list[float]:

@@ -20,7 +20,7 @@ def coordinates(
 ) -> "matplotlib.figure.Figure":
     """Coordinates over time, a panel for each joint, with the joints' ranges.
 
-    A ball joint's panel has the four numbers of its quaternion; a free joint has two panels, for position and orientation. Limits
+    A ball joint's panel has the four numbers of its quaternion; a free joint has two panels, for translation and rotation. Limits
     that are near are dashed lines, others are told in words, so that the motion does not look flat.
 
     Args:
@@ -44,8 +44,8 @@ def speeds(
 ) -> "matplotlib.figure.Figure":
     """Generalized speeds over time, a panel for each joint.
 
-    A ball joint's are its angular velocity in body axes; a free joint has two panels, for the velocity of its origin in world axes and
-    its angular velocity in body axes.
+    A ball joint's are its angular velocity in body axes; a free joint has two panels, for the velocity of its origin in world axes
+    and its angular velocity in body axes.
 
     Args:
         model: the mechanism.

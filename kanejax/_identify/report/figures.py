@@ -1,22 +1,23 @@
 """Figures of an identification: parameters with their intervals, measured and predicted signals, and residuals."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kanejax._errors import UnknownNameError
-from kanejax._identify.report.signals import signal_names, signal_units
+from kanejax._identify.report.signals import signal_lines, signal_names, signal_units
 from kanejax._identify.result import Comparison, Estimate, Identification
 from kanejax._plots.arrays import PlotError
 from kanejax._plots.drawing import explain
 from kanejax._plots.fit import FIT_LINES, draw_fit, draw_residuals, draw_spectrum
-from kanejax._plots.style import PAPER, new_figure, on_paper
+from kanejax._plots.style import PAPER, needed_package, new_figure, on_paper
 
 if TYPE_CHECKING:
     import matplotlib.axes
     import matplotlib.figure
 
+_WORDS = {"measured": "measured", "nominal": "nominal plant", "predicted": "identified plant"}
 _FOUND = {"color": PAPER["predicted"], "marker": "o", "markersize": 5.5, "linestyle": "none"}
 _ALONE = {**_FOUND, "linestyle": "-", "linewidth": 1.6}
 _COMBINED = {**_FOUND, "markerfacecolor": "white"}
@@ -79,8 +80,7 @@ def torque_fit(
     rows = -(-len(signals) // columns)
     figure = new_figure(9.0, 0.8 + 2.5 * rows)
     figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
-    ratios = {"height_ratios": (2, 1) * rows}
-    everyone = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, **ratios)
+    everyone = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, height_ratios=(2, 1) * rows)
     names, units = signal_names(found), signal_units(found)
     for place in range(rows * columns):
         upper, lower = everyone[2 * (place // columns) : 2 * (place // columns) + 2, place % columns]
@@ -89,7 +89,7 @@ def torque_fit(
             lower.remove()
             continue
         signal = signals[place]
-        lines = _lines(shown, signal)
+        lines = signal_lines(shown, signal)
         draw_fit(upper, shown.ts, *lines, PAPER)
         draw_residuals(lower, shown.ts, *lines, PAPER)
         upper.set_title(names[signal], loc="left", fontsize="medium", fontweight="bold")
@@ -98,7 +98,7 @@ def torque_fit(
         if place + columns >= len(signals):
             lower.set_xlabel("time [s]")
             lower.tick_params(labelbottom=True)
-    explain(figure, [(name, {"color": PAPER[name], **style}) for name, style in FIT_LINES.items()])
+    explain(figure, [(_WORDS[kind], {"color": PAPER[kind], **style}) for kind, style in FIT_LINES.items()])
     figure.align_ylabels()
     return figure
 
@@ -125,20 +125,28 @@ def residuals(
     signals = _signals(found, shown, joints)
     figure = new_figure(9.0, 0.9 + 1.7 * len(signals))
     figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
-    rows = figure.subplots(len(signals), 2, squeeze=False, width_ratios=(1.6, 1))
+    rows = figure.subplots(len(signals), 2, sharex="col", squeeze=False, width_ratios=(1.6, 1))
     names, units = signal_names(found), signal_units(found)
     for (left, right), signal in zip(rows, signals, strict=True):
-        draw_residuals(left, shown.ts, *_lines(shown, signal), PAPER)
+        draw_residuals(left, shown.ts, *signal_lines(shown, signal), PAPER)
         left.set_title(names[signal], loc="left", fontsize="medium", fontweight="bold")
         left.set_ylabel(units[signal])
         draw_spectrum(right, found.noise.frequency, found.noise.density[:, signal], units[signal], PAPER)
-        if (left, right) != tuple(rows[-1]):
-            right.set_xlabel("")
-    rows[0, 1].set_title("of the runs that were fitted", loc="right", fontsize="small", color=PAPER["faint"])
+        _plain_frequencies(right)
+    for right in rows[:-1, 1]:
+        right.set_xlabel("")
+    rows[0, 1].set_title("spectrum, of the runs that were fitted", loc="left", fontsize="medium")
     rows[-1, 0].set_xlabel("time [s]")
-    explain(figure, [(name, {"color": PAPER[name]}) for name in ("nominal", "predicted")])
+    explain(figure, [(_WORDS[kind], {"color": PAPER[kind]}) for kind in ("nominal", "predicted")])
     figure.align_ylabels()
     return figure
+
+
+def _plain_frequencies(axes: "matplotlib.axes.Axes") -> None:
+    """Numbers at 1, 2, 5, 10, ... Hz: a run seldom spans many powers of ten."""
+    ticker = needed_package("matplotlib.ticker", "kanejax.plots", "plots")
+    axes.xaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
 
 
 def _draw_estimates(axes: "matplotlib.axes.Axes", unit: str, group: list[Estimate]) -> None:
@@ -178,9 +186,3 @@ def _signals(found: Identification, run: Comparison, joints: str | Iterable[str]
             f"no signal of {', '.join(map(repr, names))} counts in run {run.name!r}; choose other joints or another run"
         )
     return counting
-
-
-def _lines(run: Comparison, signal: int) -> tuple[Any, Any, Any]:
-    """Measured where it counts, predicted and nominal."""
-    measured = np.where(run.weight[:, signal] > 0, run.measured[:, signal], np.nan)
-    return measured, run.predicted[:, signal], run.nominal[:, signal]

@@ -5,8 +5,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from kanejax._identify.report.signals import signal_lines
 from kanejax._identify.report.svg import COLORS, report_package, svg
 from kanejax._identify.result import Comparison
+from kanejax._plots.fit import draw_fit, draw_residuals, draw_spectrum
 from kanejax._regression.information import Spectrum
 
 
@@ -14,26 +16,16 @@ def fit_picture(comparison: Comparison, index: int, name: str, unit: str, bins: 
     """One signal of one run over time: measured, and predicted by both plants; below the residuals of both."""
     figure = _figure(5.6, 3.3)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    counts = comparison.weight[:, index] > 0
-    measured = np.where(counts, comparison.measured[:, index], np.nan)
-    predicted, nominal = comparison.predicted[:, index], comparison.nominal[:, index]
-    ts = comparison.ts
 
-    def draw(axes: Any, values: np.ndarray, kind: str, **style: Any) -> None:
-        axes.plot(*thinned(ts, values, bins), color=COLORS[kind], **style)
+    def few(ts: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return thinned(ts, values, bins)
 
-    draw(upper, measured, "measured", linewidth=1.6)
-    draw(upper, nominal, "nominal", linewidth=1.0, dashes=(3, 1.5))
-    draw(upper, predicted, "predicted")
-    draw(lower, measured - nominal, "nominal", linewidth=0.8)
-    draw(lower, measured - predicted, "predicted", linewidth=1.0)
-    lower.axhline(0.0, color=COLORS["faint"], linewidth=0.8)
+    lines = signal_lines(comparison, index)
+    draw_fit(upper, comparison.ts, *lines, COLORS, few)
+    draw_residuals(lower, comparison.ts, *lines, COLORS, few)
     upper.set_ylabel(unit)
     lower.set_ylabel("residual")
     lower.set_xlabel("time [s]")
-    for axes in (upper, lower):
-        axes.margins(x=0.01)
-        axes.locator_params(axis="y", nbins=5 if axes is upper else 3)
     figure.align_ylabels()
     return svg(figure, f"{name} in {comparison.name}: measured and predicted signals over time, and residuals", key)
 
@@ -42,16 +34,7 @@ def spectrum_picture(noise: Spectrum, index: int, name: str, unit: str, key: str
     """Amplitude density of one signal's residuals over frequency."""
     figure = _figure(3.7, 2.4)
     axes = figure.subplots()
-    density = np.sqrt(np.maximum(noise.density[:, index], 0.0))
-    drawn = (noise.frequency > 0) & (density > 0)
-    if drawn.any():
-        axes.loglog(noise.frequency[drawn], density[drawn], color=COLORS["predicted"], linewidth=1.1)
-        # Whole decades, and at most six: what is further down is rounding.
-        top = np.ceil(np.log10(density[drawn].max()))
-        axes.set_ylim(10.0 ** max(np.floor(np.log10(density[drawn].min())), top - 6), 10.0**top)
-    axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel(f"{unit} / sqrt(Hz)")
-    axes.minorticks_off()
+    draw_spectrum(axes, noise.frequency, noise.density[:, index], unit, COLORS)
     return svg(figure, f"{name}: amplitude density of the residuals over frequency", key)
 
 

@@ -9,6 +9,8 @@ from jaxtyping import Float
 from kanejax._identify.result import Comparison, Identification
 from kanejax._parameters.leaves import elements
 
+Vector = Float[np.ndarray, " n"]
+
 
 class Errors(NamedTuple):
     """Errors of the predictions of all samples of some runs that count, for each signal; nan for those that do not count.
@@ -37,6 +39,12 @@ def signal_units(identification: Identification) -> tuple[str, ...]:
     tree, gains = identification.plant.model.tree, np.asarray(identification.drives.gain)
     units = [element.units("offset")[0] for element in elements("damping", tree)]
     return tuple(unit if gain == 1.0 else "signal" for unit, gain in zip(units, gains, strict=True))
+
+
+def signal_lines(comparison: Comparison, index: int) -> tuple[Vector, Vector, Vector]:
+    """One signal of a run: as it was measured, nan where it does not count, and as both plants predict it."""
+    measured = np.where(comparison.weight[:, index] > 0, comparison.measured[:, index], np.nan)
+    return measured, comparison.predicted[:, index], comparison.nominal[:, index]
 
 
 def errors(comparisons: Sequence[Comparison]) -> Errors:

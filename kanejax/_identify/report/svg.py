@@ -8,36 +8,19 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-# What matplotlib is told to draw with, and the variable of the page that it stands for.
+from kanejax._plots.style import PAPER, needed_package, settings
+
+# What matplotlib is told to draw with, and the variable of the page that it stands for. Parts of one quantity differ by
+# their dashes alone.
 _VARIABLES = ("ink", "faint", "grid", "measured", "predicted", "nominal")
 COLORS = {name: f"#0102{i + 16:02x}" for i, name in enumerate(_VARIABLES)}
+COLORS |= dict.fromkeys(set(PAPER) - set(COLORS), COLORS["predicted"])
 _SETTINGS = {
+    **settings(COLORS, "none"),
     "svg.fonttype": "none",
     "svg.hashsalt": "kanejax",
-    "font.size": 10,
-    "axes.edgecolor": COLORS["faint"],
-    "axes.labelcolor": COLORS["ink"],
-    "axes.titlecolor": COLORS["ink"],
-    "text.color": COLORS["ink"],
-    "xtick.color": COLORS["faint"],
-    "ytick.color": COLORS["faint"],
-    "xtick.labelcolor": COLORS["ink"],
-    "ytick.labelcolor": COLORS["ink"],
-    "grid.color": COLORS["grid"],
-    "grid.linewidth": 0.8,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.unicode_minus": True,
-    "axes.linewidth": 0.8,
-    "lines.linewidth": 1.2,
-    "lines.solid_joinstyle": "round",
     "path.simplify": True,
     "path.simplify_threshold": 0.2,
-    "figure.facecolor": "none",
-    "axes.facecolor": "none",
-    "savefig.facecolor": "none",
 }
 
 
@@ -59,12 +42,7 @@ def report_package(name: str) -> Any:
     Raises:
         ImportError: it is not installed; the message says how to install it.
     """
-    import importlib
-
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise ImportError(f"a report needs the package {name}: pip install 'kanejax[report]'", name=name) from error
+    return needed_package(name, "a report", "report")
 
 
 def svg(figure: Any, label: str, key: str) -> str:
@@ -77,8 +55,8 @@ def svg(figure: Any, label: str, key: str) -> str:
     text = re.sub(r' xmlns(?::xlink)?="[^"]*"', "", text).replace("xlink:href", "href")
     text = _with_short_numbers(_with_own_names(text, key))
     text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font: \1 var(--sans)", text)
-    for name, color in COLORS.items():
-        text = text.replace(color, f"var(--{name})")
+    for name in _VARIABLES:
+        text = text.replace(COLORS[name], f"var(--{name})")
     size = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', text)
     assert size is not None, "matplotlib writes a viewBox"
     opening = f'<svg viewBox="{size[0][9:-1]}" role="img" aria-label="{html.escape(label)}"'

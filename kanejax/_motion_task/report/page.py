@@ -8,16 +8,17 @@ import numpy as np
 
 from kanejax._identify.report.numbers import number
 from kanejax._identify.report.svg import drawing, report_package, svg
-from kanejax._motion_task.report.pictures import motion_figure, on_paper, panels
+from kanejax._motion_task.report.pictures import motion_figure, places
 from kanejax._motion_task.report.skeleton import animation
 from kanejax._motion_task.task_file import TaskFile
 from kanejax._optimize.motion import OptimalMotion
 from kanejax._optimize.task import MotionTask
+from kanejax._plots.motion import motion as motion_on_paper
 
 # Of what lies between the limits: what is nearer to one is said to be there.
 _NEAR = 1e-3
 _QUANTITIES = {"coordinate": "q", "speed": "u", "force": "tau"}
-_DPI = 110
+_DPI = 132
 
 
 def motion_page(file: TaskFile, motion: OptimalMotion, record: Mapping[str, Any], sentences: list[str]) -> str:
@@ -57,7 +58,7 @@ def motion_page(file: TaskFile, motion: OptimalMotion, record: Mapping[str, Any]
         replays=list(played),
         replay_rows=_replay_rows(played),
         notes=record["notes"],
-        data={**animation(file.task, motion, file.constraints), "panels": panels(figure)},
+        data={**animation(file.task, motion, file.constraints), "panels": places(figure)},
     )
 
 
@@ -67,8 +68,7 @@ def write_png(path: Path, task: MotionTask, motion: OptimalMotion) -> None:
     Raises:
         ImportError: matplotlib is not installed; the message says how to install it.
     """
-    with on_paper() as colors:
-        motion_figure(task, motion, colors).savefig(path, format="png", dpi=_DPI)
+    motion_on_paper(task.model, motion, limits=task.limits).savefig(path, format="png", dpi=_DPI)
 
 
 def _summary(file: TaskFile, record: Mapping[str, Any]) -> dict[str, str]:
