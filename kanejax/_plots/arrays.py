@@ -140,7 +140,7 @@ def several(model: AnyModel, paths: Any, field: str) -> list[Series]:
     Raises:
         PlotError: a path has no such field, or another robot's.
     """
-    if isinstance(paths, list):
+    if type(paths) in (list, tuple):
         if not paths:
             raise PlotError("paths is empty; give at least one motion")
         return [series(model, path, field, f"paths[{i}]") for i, path in enumerate(paths)]
@@ -164,7 +164,7 @@ def batch(model: AnyModel, paths: Any, field: str) -> tuple[Float[np.ndarray, " 
     if field not in _SIZES:
         raise PlotError(f"what is {field!r}; use {', '.join(map(repr, _SIZES))}")
     rows = several(model, paths, field)
-    if not isinstance(paths, list) and np.ndim(getattr(paths, field)) == 2:
+    if type(paths) not in (list, tuple) and np.ndim(getattr(paths, field)) == 2:
         shape, needed = np.shape(getattr(paths, field)), f"(batch, n, {_SIZES[field]})"
         remedy = "give a batch, such as kj.simulate_batch returns, or draw one motion with kj.plots.motion"
         raise PlotError(f"paths.{field} has shape {shape}, but quantiles need {needed}; {remedy}")

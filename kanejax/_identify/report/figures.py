@@ -172,7 +172,10 @@ def _run(found: Identification, run: str | Comparison | None) -> tuple[Compariso
             return each, f"{each.name}, {use}"
     if isinstance(run, str):
         raise UnknownNameError("run", run, dict.fromkeys(each.name for each, _ in everyone))
-    raise PlotError(f"run {'None' if run is None else run.name!r} is not of this identification; it has {len(everyone)} runs")
+    if run is None:
+        raise PlotError("this identification has no runs")
+    count = f"{len(everyone)} run{'' if len(everyone) == 1 else 's'}"
+    raise PlotError(f"run {run.name!r} is not of this identification, which has {count}; give one of these, or its name")
 
 
 def _signals(found: Identification, run: Comparison, joints: str | Iterable[str] | None) -> list[int]:
