@@ -7,16 +7,16 @@
 # %% [markdown]
 # # Ten minutes to kanejax
 #
-# kanejax computes how robots move, by Kane's method, in JAX: one call, thousands at once, with derivatives with respect to anything.
-# In this notebook you
+# kanejax computes how robots move, by Kane's method, in JAX: one call, thousands at once, with derivatives with respect to
+# anything. In this notebook you
 #
 # 1. load a robot from its URDF, and compare the library with MuJoCo,
 # 2. evaluate inverse and forward dynamics, for one state and for 4096,
 # 3. differentiate, also with respect to the robot itself,
 # 4. simulate it, falling and under control, and look at the motion.
 #
-# Install with `pip install 'kanejax[notebooks]'`. JAX computes in float32 unless told otherwise, and the library never changes JAX's
-# settings; here we want all digits.
+# Install with `pip install 'kanejax[notebooks]'`. JAX computes in float32 unless told otherwise, and the library never changes
+# JAX's settings; here we want all digits.
 
 # %%
 import importlib.metadata
@@ -46,8 +46,8 @@ print("masses [kg]:", model.mass)
 
 # %% [markdown]
 # A model is a pytree: a static tree of names, and arrays with all numbers of the robot, which may be changed, batched and
-# differentiated. A file that says more than the equations of motion can represent is refused by name, unless you say `strict=False`;
-# `kj.load_report` tells what a file has that does not matter to them.
+# differentiated. A file that says more than the equations of motion can represent is refused by name, unless you say
+# `strict=False`; `kj.load_report` tells what a file has that does not matter to them.
 #
 # Is it right? `validate` compares with MuJoCo at random states.
 
@@ -94,8 +94,9 @@ print(f"{len(tau_many)} states there and back: largest error {jnp.max(jnp.abs(ba
 print(jax.jacfwd(kj.forward_dynamics, argnums=1)(model, q, rest, tau))
 
 # %% [markdown]
-# And with respect to the robot. The gradient of a number by a model is a model: `by.mass`, `by.com`, `by.joint_axis` and all the rest.
-# Which link's mass does the torque of the shoulder lift depend on most, over all those states?
+# And with respect to the robot. The gradient of a number by a model is a model: `by.mass`, `by.com`, `by.joint_axis` and all the
+# rest. Which link's mass does the torque of the shoulder lift depend on most, over all those states?
+
 
 # %%
 def effort(model):
@@ -106,7 +107,7 @@ by = jax.jit(jax.grad(effort))(model)
 
 moving = slice(1, 7)
 figure, axes = plt.subplots(figsize=(7, 2.6), layout="constrained")
-axes.barh(model.tree.body_names[moving], by.mass[moving], color="#0072b2")
+axes.barh(model.tree.body_names[moving], by.mass[moving], color="#0b62b0")
 axes.invert_yaxis()
 axes.set_xlabel(r"d(mean squared torque) / d(mass)  [N$^2$ m$^2$/kg]")
 axes.spines[["top", "right"]].set_visible(False)
@@ -122,8 +123,8 @@ print("with 5 kg at the wrist [N m]:", kj.inverse_dynamics(heavier, q, rest, res
 # %% [markdown]
 # ## Simulation
 #
-# Without torques the arm falls, and nothing takes energy away: what the simulation loses or gains is the error of its steps. They are
-# adaptive, here with tight tolerances.
+# Without torques the arm falls, and nothing takes energy away: what the simulation loses or gains is the error of its steps. They
+# are adaptive, here with tight tolerances.
 
 # %%
 ts = np.linspace(0.0, 2.0, 201)
@@ -146,11 +147,11 @@ def control(t, q, u):
 
 path = kj.simulate(model, q, rest, ts, control=control)
 print("off the target at the end [rad]:", path.q[-1] - target)
-kj.plots.motion(model, path)
+kj.plots.motion(model, path, joints=["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"])
 
 # %% [markdown]
-# What if the hand holds 5 kg that the controller does not know of? The same call with another model, and the motion that was meant
-# as a reference.
+# What if the hand holds 5 kg that the controller does not know of? The same call with another model, and the motion that was
+# meant as a reference.
 
 # %%
 loaded = kj.simulate(heavier, q, rest, ts, control=control)

@@ -34,8 +34,8 @@ random = np.random.default_rng(0)
 # %% [markdown]
 # ## Robots, no two alike
 #
-# A UR5 with a load in its hand of up to 4 kg, and links whose masses are not quite those of the file. `jax.vmap` over a function that
-# returns a model gives a model whose arrays have a batch axis: 4096 robots.
+# A UR5 with a load in its hand of up to 4 kg, and links whose masses are not quite those of the file. `jax.vmap` over a function
+# that returns a model gives a model whose arrays have a batch axis: 4096 robots.
 
 # %%
 urdf = next(file for file in importlib.metadata.files("example-robot-data") if file.name == "ur5_joint_limited_robot.urdf").locate()
@@ -65,8 +65,8 @@ u0 = np.zeros((COUNT, arm.nv))
 # ## Falling, and what energy says
 #
 # The file has no friction, and nothing drives the joints: every arm falls for a second, and its energy should stay what it was.
-# `simulate_batch` takes robots and states one by one, on all cores; an arm that needs few steps makes room for the next. Tolerances
-# are given as arrays so that both runs share one compiled program.
+# `simulate_batch` takes robots and states one by one, on all cores; an arm that needs few steps makes room for the next.
+# Tolerances are given as arrays so that both runs share one compiled program.
 
 # %%
 ts = np.linspace(0.0, 1.0, 51)
@@ -129,8 +129,8 @@ assert np.array_equal(fallen.q_end[others], whole.q_end[others])
 # %% [markdown]
 # ## Loads that the controller does not know
 #
-# Last, all arms go from one posture to another under a controller that takes the load for 2 kg, and the links for what the file says.
-# A batched model is for the arms; the controller closes over its own.
+# Last, all arms go from one posture to another under a controller that takes the load for 2 kg, and the links for what the file
+# says. A batched model is for the arms; the controller closes over its own.
 
 # %%
 start = jnp.array([-0.8, -0.6, 1.0, -0.8, 0.5, 0.0])
@@ -148,8 +148,8 @@ assert np.all(reach.ok)
 kj.plots.quantiles(arm, reach)
 
 # %% [markdown]
-# Bands: what half and what nine tenths of the arms do. The wrist suffers most, since little is between it and the load. Where do the
-# hands end up, and is it the load?
+# Bands: what half and what nine tenths of the arms do. Elbow and wrist give way most. Where do the hands end up, and is it the
+# load?
 
 # %%
 hand = arm.tree.body("load")
@@ -165,7 +165,7 @@ plt.show()
 # %% [markdown]
 # ## Where to go next
 #
-# - More trajectories than fit the memory: `kj.Study` and `kj.write_study` stream a million of them to a Zarr store, and go on after an
-#   interruption. [docs/scale.md](../docs/scale.md) has that, and many devices.
+# - More trajectories than fit the memory: `kj.Study` and `kj.write_study` stream a million of them to a Zarr store, and go on
+#   after an interruption. [docs/scale.md](../docs/scale.md) has that, and many devices.
 # - When simulations fail, and what helps: [docs/numerics.md](../docs/numerics.md).
 # - The load from the torques: [05, identify a robot](05_identify.ipynb).

@@ -7,8 +7,8 @@
 # %% [markdown]
 # # Identify a robot from its log
 #
-# The masses in a robot's file are often guesses, and friction is seldom in it at all. A recording of positions and motor torques tells
-# more. You will see
+# The masses in a robot's file are often guesses, and friction is seldom in it at all. A recording of positions and motor torques
+# tells more. You will see
 #
 # - a simulated UR5 that carries something its file does not know of, identified from 24 s of noisy data,
 # - what the data determine, how exactly, and what they cannot tell,
@@ -35,7 +35,8 @@ random = np.random.default_rng(0)
 # %% [markdown]
 # ## A robot that is not what its file says
 #
-# The nominal robot is the URDF. The true one carries 1.5 kg, its forearm is a fifth heavier, and it has friction: viscous, and dry.
+# The nominal robot is the URDF. The true one carries 1.5 kg, its forearm is a fifth heavier, and it has friction: viscous, and
+# dry.
 
 # %%
 urdf = next(file for file in importlib.metadata.files("example-robot-data") if file.name == "ur5_joint_limited_robot.urdf").locate()
@@ -52,8 +53,10 @@ truth = truth.replace(
 # %% [markdown]
 # ## Recordings
 #
-# All joints move at once, with several frequencies. (`kj.excitation` designs such a motion so that it tells most, within the robot's
-# limits; here its amplitudes are random.) The log has positions, and torques with noise of 3 %; another motion is held out.
+# All joints move at once, with several frequencies. (`kj.excitation` designs such a motion so that it tells most, within the
+# robot's limits; here its amplitudes are random.) The log has positions, and torques with noise of 3 %; another motion is held
+# out.
+
 
 # %%
 def recording(name, speeds):
@@ -71,8 +74,8 @@ held_out = recording("another one", 0.4 * random.normal(size=(2, 6, 5)))
 # %% [markdown]
 # ## Identify
 #
-# One call filters and differentiates the log, finds what the motion can tell, and fits inertias, friction and offsets among those that
-# a robot can have: every body stays physical, whatever the data say.
+# One call filters and differentiates the log, finds what the motion can tell, and fits inertias, friction and offsets among those
+# that a robot can have: every body stays physical, whatever the data say.
 
 # %%
 found = kj.identify(nominal, log, ("inertia", "damping", "coulomb_friction", "offset"), validation=held_out)
@@ -87,8 +90,8 @@ shown = ["shoulder_pan_joint", "elbow_joint", "wrist_1_joint", "wrist_3_joint"]
 kj.plots.torque_fit(found, joints=shown)
 
 # %% [markdown]
-# What is left is the noise that we put in. Friction, with its 95 % intervals. They know of noise, also of noise that lasts, but not
-# of a model that is wrong: had the true friction not set in at once, as it does here and in the fit, more of them would miss.
+# What is left is the noise that we put in. Friction, with its 95 % intervals. They know of noise, also of noise that lasts, but
+# not of a model that is wrong: had the true friction not set in at once, as it does here and in the fit, more of them would miss.
 
 # %%
 friction = [f"{joint}.{kind}" for kind in ("damping", "coulomb_friction") for joint in nominal.tree.joint_names]
@@ -108,14 +111,18 @@ kj.plots.parameters(found, friction)
 
 # %%
 alone = [each.name for each in found.estimates if each.determined == "alone"]
-print(f"{len(found.estimates)} parameters, {len(alone)} determined alone, {len(found.base.formulas)} combinations that count, such as")
-shortest = sorted(range(len(found.base.formulas)), key=lambda i: (found.base.formulas[i].count("+") != 2, len(found.base.formulas[i])))
+print(
+    f"{len(found.estimates)} parameters, {len(alone)} determined alone, {len(found.base.formulas)} combinations that count, such as"
+)
+shortest = sorted(
+    range(len(found.base.formulas)), key=lambda i: (found.base.formulas[i].count("+") != 2, len(found.base.formulas[i]))
+)
 for i in shortest[:3]:
     print(f"  {found.base.formulas[i]} = {found.base.value[i]:.4f} +- {found.base.std[i]:.4f}")
 
 # %% [markdown]
-# These combinations are all that torques and motion depend on. So the mass matrix of what was found should be the true robot's, at any
-# posture, although single masses may not:
+# These combinations are all that torques and motion depend on. So the mass matrix of what was found should be the true robot's,
+# at any posture, although single masses may not:
 
 # %%
 mass_matrices = jax.jit(jax.vmap(kj.mass_matrix, (None, 0)))
@@ -128,8 +135,8 @@ for name, model in {"file": nominal, "found": found.model}.items():
 # %% [markdown]
 # ## A real UR10e
 #
-# Recordings of a real arm come with [shamilmamedov/dynamic_calibration](https://github.com/shamilmamedov/dynamic_calibration); they are
-# not part of this project. Put two of the CSV files and the URDF into a folder `ur10e`, and set the environment variable
+# Recordings of a real arm come with [shamilmamedov/dynamic_calibration](https://github.com/shamilmamedov/dynamic_calibration);
+# they are not part of this project. Put two of the CSV files and the URDF into a folder `ur10e`, and set the environment variable
 # `KANEJAX_DATA` to the folder around it.
 
 # %%
@@ -143,8 +150,9 @@ if not available:
     print("=" * 80)
 
 # %% [markdown]
-# Columns and units are told by numbers and names; currents become torques by the motors' published gains. The filters are those of the
-# reference baselines, so that errors can be compared. Trained on 31 s of a Fourier motion, tested on motion from point to point:
+# Columns and units are told by numbers and names; currents become torques by the motors' published gains. The filters are those
+# of the reference baselines, so that errors can be compared. Trained on 31 s of a Fourier motion, tested on motion from point to
+# point:
 
 # %%
 if available:
@@ -179,6 +187,7 @@ if available:
 # ## Where to go next
 #
 # - From a terminal, with a report: `kanejax identify arm.urdf log.csv --out result`.
-# - Payloads, delays, priors, robust fits, the fit of simulated to measured motion: [docs/identification.md](../docs/identification.md).
+# - Payloads, delays, priors, robust fits, the fit of simulated to measured motion:
+#   [docs/identification.md](../docs/identification.md).
 # - All baselines and variants on the UR10e: `python -m experiments.identification.ur10e`.
 # - A motion for the robot just found: [06, optimal motions](06_optimal_motion.ipynb).
