@@ -85,9 +85,7 @@ assert found.converged
 print("torque that is not predicted, of a motion that was not fitted [%]")
 print("  by the file:     ", 100 * kj.relative_error(run, run.nominal))
 print("  by what is found:", 100 * kj.relative_error(run))
-
-shown = ["shoulder_pan_joint", "elbow_joint", "wrist_1_joint", "wrist_3_joint"]
-kj.plots.torque_fit(found, joints=shown)
+kj.plots.torque_fit(found, joints=["elbow_joint", "wrist_1_joint"])
 
 # %% [markdown]
 # What is left is the noise that we put in. Friction, with its 95 % intervals. They know of noise, also of noise that lasts, but
@@ -112,16 +110,14 @@ kj.plots.parameters(found, friction)
 # %%
 alone = [each.name for each in found.estimates if each.determined == "alone"]
 print(
-    f"{len(found.estimates)} parameters, {len(alone)} determined alone, {len(found.base.formulas)} combinations that count, such as"
+    f"{len(found.estimates)} parameters; {len(alone)} determined alone; {len(found.base.formulas)} numbers that count, among them"
 )
-shortest = sorted(
-    range(len(found.base.formulas)), key=lambda i: (found.base.formulas[i].count("+") != 2, len(found.base.formulas[i]))
-)
-for i in shortest[:3]:
+sums = [i for i, formula in enumerate(found.base.formulas) if " + " in formula]
+for i in sorted(sums, key=lambda i: len(found.base.formulas[i]))[:3]:
     print(f"  {found.base.formulas[i]} = {found.base.value[i]:.4f} +- {found.base.std[i]:.4f}")
 
 # %% [markdown]
-# These combinations are all that torques and motion depend on. So the mass matrix of what was found should be the true robot's,
+# These numbers are all that torques and motion depend on. So the mass matrix of what was found should be the true robot's,
 # at any posture, although single masses may not:
 
 # %%
@@ -177,6 +173,7 @@ if available:
     print("  URDF, no friction:       ", 100 * kj.relative_error(run, run.nominal))
     print("  weighted least squares:   [12.81  5.27  5.61  9.39 15.7  54.96] (comes with the data)")
     print("  kanejax:                 ", 100 * kj.relative_error(run))
+    shown = ["shoulder_pan_joint", "elbow_joint", "wrist_1_joint", "wrist_3_joint"]
     display(kj.plots.torque_fit(real, joints=shown))
 
 # %% [markdown]

@@ -117,7 +117,7 @@ plt.show()
 
 # %%
 path = kj.simulate(loaded, start, jnp.zeros(arm.nv), np.asarray(motion.ts), control=feedback)
-kj.plots.coordinates(arm, path, reference=motion, joints=["shoulder_lift_joint", "elbow_joint"])
+kj.plots.coordinates(arm, path, reference=motion, joints=["wrist_1_joint", "wrist_2_joint"])
 
 # %% [markdown]
 # ## Where to go next

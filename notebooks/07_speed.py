@@ -91,7 +91,7 @@ def nanoseconds(function, *arguments):
     """Of one state in a batch, the fastest of several calls."""
     jax.block_until_ready(function(*arguments))
     took = []
-    while sum(took) < 0.3 or len(took) < 3:
+    while sum(took) < 0.1 or len(took) < 3:
         begin = time.perf_counter()
         jax.block_until_ready(function(*arguments))
         took.append(time.perf_counter() - begin)
