@@ -80,10 +80,9 @@ def checked_series(model: AnyModel, ts: Any, values: Any, field: str, names: tup
     found = Series(np.asarray(ts), np.asarray(values))
     size = model.nq if field == "q" else model.nv
     needed = f"(n, {_SIZES[field]}) = (n, {size})"
-    for name, array, axes in ((names[0], found.ts, 1), (names[1], found.values, 2)):
-        if array.ndim > axes:
-            remedy = "choose one with jax.tree.map(lambda x: x[0], ...), or draw all of them with kj.plots.quantiles"
-            raise PlotError(f"{name} has shape {array.shape}, but one motion has {'(n,)' if axes == 1 else needed}; {remedy}")
+    if found.values.ndim > 2:
+        remedy = "choose one with jax.tree.map(lambda x: x[0], ...), or draw all of them with kj.plots.quantiles"
+        raise PlotError(f"{names[1]} has shape {found.values.shape}, but one motion has {needed}; {remedy}")
     if found.values.ndim != 2 or found.values.shape[1] != size:
         remedy = "give the model that the motion is of"
         raise PlotError(f"{names[1]} has shape {found.values.shape}, but this model needs {needed}; {remedy}")

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from kanejax._plots.arrays import Series
 from kanejax._plots.panels import Panel, Quantity
-from kanejax._plots.style import LIMIT_LINE, LINES, REFERENCE_LINE, Colors, needed_package, new_figure
+from kanejax._plots.style import LIMIT_LINE, LINES, REFERENCE_LINE, Colors, new_figure, plot_package
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -21,19 +21,25 @@ _WIDTH, _HEIGHT, _REST = 9.0, 1.65, 0.7
 
 def grid_of(panels: Sequence[Panel]) -> "tuple[matplotlib.figure.Figure, list[matplotlib.axes.Axes]]":
     """A figure with a panel each over the same time, row by row, with the panels' titles."""
-    columns = 1 if len(panels) < 3 else 2 if len(panels) < 15 else 3
+    columns = 1 if len(panels) < 4 else 2 if len(panels) < 15 else 3
     rows = -(-len(panels) // columns)
-    figure = new_figure(_WIDTH, _REST + _HEIGHT * rows * (1.25 if columns == 1 else 1.0))
+    figure = new_figure(_WIDTH, _REST + _HEIGHT * rows)
     everyone = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     for unused in everyone[len(panels) :]:
         unused.remove()
     shown = list(everyone[: len(panels)])
     for axes, panel in zip(shown, panels, strict=True):
         axes.set_title(panel.title, loc="left", fontsize="medium", fontweight="bold")
-    for axes in shown[-columns:]:
-        axes.set_xlabel("time [s]")
-        axes.tick_params(labelbottom=True)
+    label_times(shown, columns)
     return figure, shown
+
+
+def label_times(shown: "Sequence[matplotlib.axes.Axes]", columns: int) -> None:
+    """Numbers under the last panel of each column, and what they are under those of the last row."""
+    for axes in shown[-columns:]:
+        axes.tick_params(labelbottom=True)
+    for axes in shown[(len(shown) - 1) // columns * columns :]:
+        axes.set_xlabel("time [s]")
 
 
 def draw_series(axes: "matplotlib.axes.Axes", found: Series, quantity: Quantity, colors: Colors) -> None:
@@ -83,7 +89,7 @@ def draw_limits(
         values: all that is drawn.
         pair: least and greatest values, infinite where there is none.
         colors: by what they stand for.
-        inside: whether words are put inside of the panel, where a legend is above it.
+        inside: whether words are put inside of the panel, because a legend is above it.
 
     Returns:
         Whether there is a line.
@@ -103,11 +109,25 @@ def draw_limits(
     margin = 0.08 * max(span, room) + 0.5 * max(room - span, 0.0)
     axes.set_ylim(min(shown) - margin, max(shown) + margin)
     if far:
-        text = ("limit " if len(far) == 1 else "limits ") + ", ".join(_number(each) for each in far)
-        place = {"xy": (1.0, 1.0), "xytext": (-2, -2 if inside else 2), "xycoords": "axes fraction", "textcoords": "offset points"}
-        vertical = "top" if inside else "bottom"
-        axes.annotate(text, ha="right", va=vertical, fontsize="x-small", color=colors["nominal"], **place)
+        _write_limits(axes, far, colors["nominal"], inside, below=max(far) < low)
     return len(shown) > 2
+
+
+def _write_limits(axes: "matplotlib.axes.Axes", limits: list[float], color: str, inside: bool, below: bool) -> None:
+    """Limits in words: above the panel, or inside of it at the end where they would be."""
+    text = ("limit " if len(limits) == 1 else "limits ") + ", ".join(_number(each) for each in limits)
+    height, vertical = (0.0, "bottom") if inside and below else (1.0, "top" if inside else "bottom")
+    axes.annotate(
+        text,
+        xy=(1.0, height),
+        xycoords="axes fraction",
+        xytext=(-2, -2 if vertical == "top" else 2),
+        textcoords="offset points",
+        ha="right",
+        va=vertical,
+        fontsize="x-small",
+        color=color,
+    )
 
 
 def limits_of_panel(pair: Float[np.ndarray, "2 nv"] | None, panel: Panel, field: str) -> Float[np.ndarray, "2 k"] | None:
@@ -120,11 +140,11 @@ def limits_of_panel(pair: Float[np.ndarray, "2 nv"] | None, panel: Panel, field:
 def explain(figure: "matplotlib.figure.Figure", names: Sequence[tuple[str, dict[str, Any]]]) -> None:
     """A legend above all panels, of lines with these styles."""
     if names:
-        line = needed_package("matplotlib.lines", "kanejax.plots", "plots").Line2D
+        line = plot_package("matplotlib.lines").Line2D
         handles = [line([], [], **{**style, "label": name}) for name, style in names]
         figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), frameon=False, fontsize="small")
 
 
 def _number(value: float) -> str:
-    fix = needed_package("matplotlib.ticker", "kanejax.plots", "plots").Formatter.fix_minus
-    return fix(f"{float(f'{value:.3g}'):g}")
+    fix = plot_package("matplotlib.ticker").Formatter.fix_minus
+    return fix(f"{float(f'{value:.4g}'):g}")

@@ -9,7 +9,7 @@ from kanejax._model.generalized_speeds import AnyModel
 from kanejax._plots.arrays import PlotError, limits_of, several
 from kanejax._plots.drawing import explain
 from kanejax._plots.panels import plain_joint
-from kanejax._plots.style import LIMIT_LINE, PAPER, SEVERAL, needed_package, new_figure, on_paper
+from kanejax._plots.style import LIMIT_LINE, PAPER, SEVERAL, new_figure, on_paper, plot_package
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -62,7 +62,7 @@ def _colors(count: int) -> list:
     """As many as there are motions: of few those that are told apart best, of many a scale."""
     if count <= len(SEVERAL):
         return [PAPER[name] for name in SEVERAL[:count]]
-    scale = needed_package("matplotlib", "kanejax.plots", "plots").colormaps["viridis"]
+    scale = plot_package("matplotlib").colormaps["viridis"]
     return [scale(0.9 * number / (count - 1)) for number in range(count)]
 
 

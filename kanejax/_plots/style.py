@@ -73,7 +73,7 @@ def on_paper() -> Iterator[None]:
     Raises:
         ImportError: matplotlib is not installed; the message says how to install it.
     """
-    with needed_package("matplotlib.style", "kanejax.plots", "plots").context(["default", settings(PAPER, "white")]):
+    with plot_package("matplotlib.style").context(["default", settings(PAPER, "white")]):
         yield
 
 
@@ -83,6 +83,15 @@ def new_figure(width: float, height: float) -> "matplotlib.figure.Figure":
     from kanejax._plots.figure import PaperFigure
 
     return PaperFigure(figsize=(width, height), layout="constrained")
+
+
+def plot_package(name: str) -> Any:
+    """Import a package that only figures need.
+
+    Raises:
+        ImportError: it is not installed; the message says how to install it.
+    """
+    return needed_package(name, "kanejax.plots", "plots")
 
 
 def needed_package(name: str, user: str, extra: str) -> Any:

@@ -2,13 +2,16 @@
 
 import dataclasses
 import sys
+from typing import Any
 
 import jax
 import numpy as np
 import pytest
 
 import kanejax as kj
-from kanejax import plots
+
+# The stubs of matplotlib know less of axes and lines than is asked of them here.
+plots: Any = kj.plots
 
 # Two joints, of which one slides.
 ROBOT = """<mujoco><worldbody><body name="upper"><joint name="hinge" axis="0 1 0"/><geom size="0.1" mass="2" pos="0.2 0 0"/>

@@ -3,17 +3,23 @@
 import subprocess
 import sys
 import types
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import matplotlib
 import matplotlib.colors
+import matplotlib.image
+import matplotlib.style
 import mujoco
 import numpy as np
 import pytest
 
 import kanejax as kj
-from kanejax import plots
 from tests.helpers.mechanisms import random_states
+
+# The stubs of matplotlib know less of axes and lines than is asked of them here.
+plots: Any = kj.plots
 
 # One joint of each kind; the slide has a range far off, the hinge a near one.
 ROBOT = """<mujoco><compiler angle="radian"/><option><flag energy="enable" contact="disable"/></option><worldbody>
@@ -114,6 +120,10 @@ def test_near_limits_are_lines_and_far_ones_words(model, path):
     assert high > 2.0
     assert limits(found["slide"]) == []
     assert words(found["slide"]) == ["limits \u221270, 80"]
+    # Where a legend is above a panel, words are inside, at the end where the limit would be.
+    far = panels(plots.speeds(model, path, limits=(-100.0, 2.5)))
+    assert words(far["wrist"]) == words(far["hinge"]) == ["limit \u2212100"]
+    assert [far[title].texts[0].xy for title in ("wrist", "hinge")] == [(1.0, 0.0), (1.0, 1.0)]
     low, high = found["slide"].get_ylim()
     assert -10 < low < path.q[:, 8].min()
     assert path.q[:, 8].max() < high < 10
@@ -327,10 +337,12 @@ def test_shapes_that_do_not_fit_are_refused_by_name(model, path, many):
     def refused(text):
         return pytest.raises(plots.PlotError, match=text)
 
-    with refused(r"path.ts has shape \(8, 31\), but one motion has \(n,\); choose one with jax.tree.map.*kj.plots.quantiles"):
-        plots.coordinates(model, many)
-    with refused(r"path.q has shape \(8, 31, 13\), but one motion has \(n, nq\) = \(n, 13\); choose one"):
-        plots.motion(model, cut(many, ts=path.ts))
+    batch = r"path.q has shape \(8, 31, 13\), but one motion has \(n, nq\) = \(n, 13\); choose one with jax.tree.map.*quantiles"
+    for draw in (plots.coordinates, plots.motion, plots.energies):
+        with refused(batch):
+            draw(model, many)
+    with refused(r"path.ts has shape \(8, 31\), but a plot needs \(n,\)"):
+        plots.coordinates(model, cut(path, ts=many.ts))
     with refused(r"path.u has shape \(31, 13\), but this model needs \(n, nv\) = \(n, 11\); give the model that the motion is of"):
         plots.speeds(model, cut(path, u=path.q))
     with refused(r"path.q has 31 rows, but path.ts has 30 times; give 30 rows"):
@@ -401,15 +413,12 @@ def test_unknown_joints_are_refused_with_the_names_there_are(model, path, many):
 
 
 def test_a_notebook_shows_figures_on_white_whatever_style_is_set(model, path, tmp_path):
-    import matplotlib as mpl
-    import matplotlib.image
-
-    with mpl.style.context("dark_background"):
+    with matplotlib.style.context("dark_background"):
         figure = plots.coordinates(model, path, joints="hinge")
-        before = dict(mpl.rcParams)
+        before = dict(matplotlib.rcParams)
         image, place = figure._repr_png_()
         figure.savefig(tmp_path / "figure.png", dpi=200)
-        assert dict(mpl.rcParams) == before
+        assert dict(matplotlib.rcParams) == before
     (tmp_path / "shown.png").write_bytes(image)
     for name in ("shown", "figure"):
         pixels = matplotlib.image.imread(tmp_path / f"{name}.png")

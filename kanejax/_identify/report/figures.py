@@ -9,9 +9,9 @@ from kanejax._errors import UnknownNameError
 from kanejax._identify.report.signals import signal_lines, signal_names, signal_units
 from kanejax._identify.result import Comparison, Estimate, Identification
 from kanejax._plots.arrays import PlotError
-from kanejax._plots.drawing import explain
+from kanejax._plots.drawing import explain, label_times
 from kanejax._plots.fit import FIT_LINES, draw_fit, draw_residuals, draw_spectrum
-from kanejax._plots.style import PAPER, needed_package, new_figure, on_paper
+from kanejax._plots.style import PAPER, new_figure, on_paper, plot_package
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -76,12 +76,12 @@ def torque_fit(
     """
     shown, title = _run(found, run)
     signals = _signals(found, shown, joints)
-    columns = 1 if len(signals) < 3 else 2
+    columns = 1 if len(signals) < 4 else 2
     rows = -(-len(signals) // columns)
-    figure = new_figure(9.0, 0.8 + 2.5 * rows)
+    figure = new_figure(9.0, 0.8 + (2.2 if columns == 1 else 2.5) * rows)
     figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
     everyone = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, height_ratios=(2, 1) * rows)
-    names, units = signal_names(found), signal_units(found)
+    names, units, below = signal_names(found), signal_units(found), []
     for place in range(rows * columns):
         upper, lower = everyone[2 * (place // columns) : 2 * (place // columns) + 2, place % columns]
         if place >= len(signals):
@@ -95,9 +95,8 @@ def torque_fit(
         upper.set_title(names[signal], loc="left", fontsize="medium", fontweight="bold")
         upper.set_ylabel(units[signal])
         lower.set_ylabel("residual")
-        if place + columns >= len(signals):
-            lower.set_xlabel("time [s]")
-            lower.tick_params(labelbottom=True)
+        below.append(lower)
+    label_times(below, columns)
     explain(figure, [(_WORDS[kind], {"color": PAPER[kind], **style}) for kind, style in FIT_LINES.items()])
     figure.align_ylabels()
     return figure
@@ -144,7 +143,7 @@ def residuals(
 
 def _plain_frequencies(axes: "matplotlib.axes.Axes") -> None:
     """Numbers at 1, 2, 5, 10, ... Hz: a run seldom spans many powers of ten."""
-    ticker = needed_package("matplotlib.ticker", "kanejax.plots", "plots")
+    ticker = plot_package("matplotlib.ticker")
     axes.xaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")
 
