@@ -109,9 +109,7 @@ kj.plots.parameters(found, friction)
 
 # %%
 alone = [each.name for each in found.estimates if each.determined == "alone"]
-print(
-    f"{len(found.estimates)} parameters; {len(alone)} determined alone; {len(found.base.formulas)} numbers that count, among them"
-)
+print(f"{len(found.estimates)} parameters, {len(alone)} determined alone; {len(found.base.formulas)} numbers count, among them")
 sums = [i for i, formula in enumerate(found.base.formulas) if " + " in formula]
 for i in sorted(sums, key=lambda i: len(found.base.formulas[i]))[:3]:
     print(f"  {found.base.formulas[i]} = {found.base.value[i]:.4f} +- {found.base.std[i]:.4f}")

@@ -105,7 +105,7 @@ programs = {
     "kanejax": (library, robot),
     "kanejax, constants": (library, kj.specialize(robot)),
 }
-sizes = (1, 256, 4096, 65536)
+sizes = (1, 4096, 65536)
 times = {
     name: [nanoseconds(program, model, *(each[:size] for each in states)) for size in sizes]
     for name, (program, model) in programs.items()

@@ -30,10 +30,10 @@ def sources() -> dict[str, Path]:
 
 
 def unexecuted(source: Path) -> nbformat.NotebookNode:
-    """The notebook of a percent script, without outputs; cells get their numbers as ids, metadata that never change."""
+    """The notebook of a percent script, without outputs. Cells get their numbers as ids; metadata are the same for all."""
     notebook = jupytext.read(source)
     for number, cell in enumerate(notebook.cells, 1):
-        cell.id = f"cell-{number}"
+        cell.id, cell.metadata = f"cell-{number}", nbformat.NotebookNode()
     notebook.metadata.kernelspec = nbformat.NotebookNode(KERNEL)
     notebook.metadata.language_info = nbformat.NotebookNode(name="python", file_extension=".py", mimetype="text/x-python")
     return notebook
