@@ -33,13 +33,14 @@ from kanejax._cli.terminal import (
     use_compilation_cache,
     with_options,
 )
+from kanejax._cli.usage import Commands, print_version
 from kanejax._errors import KanejaxError
 
 app = typer.Typer(
-    help="Rigid-body dynamics of robots by Kane's method: inspect, validate, simulate, identify and optimize.",
+    cls=Commands,
     epilog=EXIT_CODES,
     no_args_is_help=True,
-    add_completion=False,
+    rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
 )
 
@@ -47,6 +48,50 @@ app = typer.Typer(
 def main() -> None:
     """Run the command line."""
     app()
+
+
+@app.callback()
+def about(
+    version: Annotated[
+        bool, typer.Option("--version", callback=print_version, is_eager=True, help="Print the versions, and exit.")
+    ] = False,
+) -> None:
+    """Rigid-body dynamics of robots by Kane's method.
+
+    A first look, from a robot's URDF or MJCF to a comparison with MuJoCo and 256 trajectories:
+
+    - `kanejax info arm.urdf`
+    - `kanejax validate arm.urdf`
+    - `kanejax simulate arm.urdf --out arm.npz`
+
+    Each command has examples in its `--help`, and prints JSON for programs with `--json`.
+    """
+
+
+@app.command(epilog=EXIT_CODES)
+def info(
+    robot: Robot,
+    repair: Repair = False,
+    strict: Strict = False,
+    allow_unphysical: Unphysical = False,
+    as_json: Json = False,
+) -> None:
+    """Print a robot's tree of bodies and joints, their parameters, and how the model differs from its file.
+
+    Examples:
+    - `kanejax info arm.urdf`
+    - `kanejax info --json arm.urdf > arm.json`
+    """
+    with one_line_errors():
+        from kanejax._report import model_dict, model_tree
+
+        report = load(robot, strict=strict, repair=repair, allow_unphysical=allow_unphysical)
+        differences = {"ignored": report.ignored, "not modelled": report.unmodelled, "changed": report.repaired}
+        if as_json:
+            print(json.dumps({"robot": report.origin, **model_dict(report.model), **differences}, indent=1))
+            return
+        console().print(model_tree(report.model, report.origin))
+        print_differences(report)
 
 
 @app.command(epilog=EXIT_CODES)
@@ -67,8 +112,10 @@ def validate(
     Prints the worst relative errors of inverse dynamics, forward dynamics, mass matrix and bias force, with their
     tolerances. The other robots are still compared when one cannot be.
 
-    Examples: `kanejax validate arm.urdf`, `kanejax validate --samples 100 --repair --no-strict *.urdf`,
-    `kanejax validate --json arm.urdf > report.json`
+    Examples:
+    - `kanejax validate arm.urdf`
+    - `kanejax validate --samples 100 --repair --no-strict *.urdf`
+    - `kanejax validate --json arm.urdf > report.json`
     """
     with one_line_errors():
         from kanejax import validate as compare
@@ -101,30 +148,6 @@ def validate(
             complain(f"{name}: over tolerance", "")
     if refused or over:
         raise typer.Exit(BAD_INPUT if refused else FAILED)
-
-
-@app.command(epilog=EXIT_CODES)
-def info(
-    robot: Robot,
-    repair: Repair = False,
-    strict: Strict = False,
-    allow_unphysical: Unphysical = False,
-    as_json: Json = False,
-) -> None:
-    """Print a robot's tree of bodies and joints, their parameters, and how the model differs from its file.
-
-    Examples: `kanejax info arm.urdf`, `kanejax info --json arm.urdf > arm.json`
-    """
-    with one_line_errors():
-        from kanejax._report import model_dict, model_tree
-
-        report = load(robot, strict=strict, repair=repair, allow_unphysical=allow_unphysical)
-        differences = {"ignored": report.ignored, "not modelled": report.unmodelled, "changed": report.repaired}
-        if as_json:
-            print(json.dumps({"robot": report.origin, **model_dict(report.model), **differences}, indent=1))
-            return
-        console().print(model_tree(report.model, report.origin))
-        print_differences(report)
 
 
 app.command(epilog=EXIT_CODES)(simulate)

@@ -1,9 +1,14 @@
 """The command line: what it prints and writes, its errors and exit codes."""
 
 import json
+import os
+import pathlib
+import subprocess
+import sys
 
 import numpy as np
 import pytest
+import typer
 from typer.testing import CliRunner
 
 import kanejax as kj
@@ -34,10 +39,14 @@ def run(*arguments):
 def test_help_describes_the_commands_and_exit_codes():
     result = run("--help")
     assert result.exit_code == 0
-    for word in ("validate", "info", "simulate", "Exit codes"):
-        assert word in result.output
-    for command in ("validate", "info", "simulate"):
-        assert "Examples" in run(command, "--help").output
+    commands = typer.main.get_command(cli.app).commands  # pyright: ignore[reportAttributeAccessIssue]
+    assert {"info", "validate", "simulate", "identify", "optimize"} <= set(commands)
+    for command, about in commands.items():
+        assert command in result.output
+        shown = run(command, "--help").output
+        assert "Exit codes" in shown
+        assert shown.count(f"• kanejax {command}") >= 2, command
+        assert all(parameter.help for parameter in about.params if not parameter.hidden), command
 
 
 def test_validate(pendulum):
@@ -193,5 +202,33 @@ def test_simulate_needs_joints(tmp_path):
         ("frobnicate",),
     ],
 )
-def test_wrong_usage(arguments):
-    assert run(*arguments).exit_code == cli.BAD_INPUT
+def test_wrong_usage_is_one_line_too(arguments):
+    result = run(*arguments)
+    assert result.exit_code == cli.BAD_INPUT
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("error: ")
+    assert "--help tells the usage" in line
+
+
+def test_a_misspelt_command_is_guessed():
+    assert "Did you mean 'simulate'? " in run("simulat").stderr
+
+
+def test_no_command_prints_the_help():
+    assert "Commands" in run().output
+
+
+def test_versions_are_told():
+    result = run("--version")
+    assert result.exit_code == 0
+    assert f"kanejax {kj.__version__}" in result.stdout
+
+
+def test_shells_complete_commands_and_options():
+    for line, expected in (("kanejax sim", "simulate"), ("kanejax simulate --traj", "--trajectories")):
+        words = line.split()
+        told = {"_KANEJAX_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
+        done = subprocess.run(
+            [pathlib.Path(sys.executable).with_name("kanejax")], env=os.environ | told, capture_output=True, text=True
+        )
+        assert done.stdout.split() == [expected]

@@ -5,7 +5,7 @@ import importlib
 import time
 
 NAMES = (
-    *("evaluation", "variants", "gradients", "gcc", "compile_time", "single_call"),
+    *("evaluation", "variants", "gradients", "gcc", "compile_time", "import_time", "single_call"),
     *("simulate", "simulation_gradient", "scaling", "gpu", "identification", "optimization", "scale"),
 )
 

@@ -74,9 +74,11 @@ def identify(
     predictions.npz and run.log. What is unfinished is kept in the folder: after an interruption the same command goes on from
     there with `--resume`.
 
-    Examples: `kanejax identify arm.urdf log.csv --out result`, `kanejax identify arm.urdf log.csv --out result --resume`,
-    `kanejax identify arm.urdf a.csv b.csv --validation c.csv --config id.toml --out result`,
-    `kanejax identify --example-config > id.toml`
+    Examples:
+    - `kanejax identify arm.urdf log.csv --out result`
+    - `kanejax identify arm.urdf log.csv --out result --resume`
+    - `kanejax identify arm.urdf a.csv b.csv --validation c.csv --config id.toml --out result`
+    - `kanejax identify --example-config > id.toml`
     """
     with one_line_errors():
         import jax

@@ -61,8 +61,10 @@ def optimize(
     motion.png (coordinates, speeds and forces with their limits), report.html (the same with the robot moving) and run.log.
     What is unfinished is kept in the folder: after an interruption the same command goes on from there with `--resume`.
 
-    Examples: `kanejax optimize task.toml --out result`, `kanejax optimize task.toml --out result --resume`,
-    `kanejax optimize --example > task.toml`
+    Examples:
+    - `kanejax optimize task.toml --out result`
+    - `kanejax optimize task.toml --out result --resume`
+    - `kanejax optimize --example > task.toml`
     """
     with one_line_errors():
         import jax

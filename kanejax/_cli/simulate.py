@@ -92,10 +92,11 @@ def simulate(
     for each trajectory. A .zarr store is written piece by piece, in memory that does not grow; after an interruption of any
     kind --resume simulates what is missing, to the same bits. xarray.open_zarr reads it.
 
-    Examples: `kanejax simulate arm.urdf --out arm.npz`,
-    `kanejax simulate arm.urdf --trajectories 1000000 --study study.toml --out runs.zarr`,
-    `kanejax simulate arm.urdf --trajectories 1000000 --study study.toml --out runs.zarr --resume`,
-    `kanejax simulate --example > study.toml`
+    Examples:
+    - `kanejax simulate arm.urdf --out arm.npz`
+    - `kanejax simulate arm.urdf --trajectories 1000000 --study study.toml --out runs.zarr`
+    - `kanejax simulate arm.urdf --trajectories 1000000 --study study.toml --out runs.zarr --resume`
+    - `kanejax simulate --example > study.toml`
     """
     with one_line_errors():
         if out.suffix not in (STORE, FILE):
