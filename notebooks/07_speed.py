@@ -225,7 +225,7 @@ for name, function in {"matrix form": matrix_form, "kanejax": kj.inverse_dynamic
 # %% [markdown]
 # ## Where to go next
 #
-# - Against Pinocchio, MuJoCo, MJX and others, gradients and simulations included: the README's tables, and `make benchmark`.
+# - Against Pinocchio, MuJoCo, MJX and others, gradients and simulations included: [docs/performance.md](../docs/performance.md).
 # - XLA runs one program on one core. `kj.simulate_batch` and `kj.write_study` use all; for other functions see
 #   [docs/scale.md](../docs/scale.md).
 # - The operations of 1988: [03, the Intelledex 605](03_intelledex_605.ipynb).
