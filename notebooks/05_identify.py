@@ -115,8 +115,8 @@ for i in sorted(sums, key=lambda i: len(found.base.formulas[i]))[:3]:
     print(f"  {found.base.formulas[i]} = {found.base.value[i]:.4f} +- {found.base.std[i]:.4f}")
 
 # %% [markdown]
-# These numbers are all that torques and motion depend on. So the mass matrix of what was found should be the true robot's,
-# at any posture, although single masses may not:
+# These numbers are all that torques and motion depend on. So the mass matrix of what was found should be the true robot's, at any
+# posture, although single masses may not:
 
 # %%
 mass_matrices = jax.jit(jax.vmap(kj.mass_matrix, (None, 0)))
