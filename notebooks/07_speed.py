@@ -126,8 +126,8 @@ plt.show()
 
 # %% [markdown]
 # A call for one state is mostly JAX's own work of handing arrays over. In large batches what counts is the program, and memory:
-# the matrix form gains no more, or loses, once its intermediate results leave the cache. The library splits large batches into chunks
-# that stay there.
+# the matrix form gains no more, or loses, once its intermediate results leave the cache. The library splits large batches into
+# chunks that stay there.
 #
 # ## Scalar form
 #
