@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.cache/jax
 
-.PHONY: demo test lint docs validate benchmark experiments identification trouble clean
+.PHONY: demo test lint docs validate benchmark experiments identification trouble notebooks clean
 
 demo: $(VENV)/.demo  ## load, validate, simulate and differentiate a real robot; writes results/demo.png
 	$(BIN)/python experiments/demo.py
@@ -38,6 +38,9 @@ trouble: $(VENV)/.test  ## faults, energy drift and precision, hostile input, ki
 	$(BIN)/python -m experiments.fuzz
 	$(BIN)/python -m experiments.kills
 
+notebooks: $(VENV)/.notebooks  ## execute the notebooks: from each .py in notebooks/ its .ipynb; a few minutes
+	$(BIN)/python notebooks/execute.py
+
 clean:
 	rm -rf $(VENV) .cache results
 
@@ -45,7 +48,7 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit("kanejax needs Python 3.12 or newer, and PYTHON is %d.%d: make PYTHON=python3.13" % sys.version_info[:2] if sys.version_info < (3, 12) else 0)'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.demo $(VENV)/.report $(VENV)/.test $(VENV)/.lint $(VENV)/.docs: $(VENV)/.%: pyproject.toml | $(VENV)/bin/python
+$(VENV)/.demo $(VENV)/.report $(VENV)/.test $(VENV)/.lint $(VENV)/.docs $(VENV)/.notebooks: $(VENV)/.%: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$*]'
 	touch $@
 
