@@ -111,7 +111,12 @@ def solve(settings: Settings, system: System, y0: jax.Array, t0: jax.Array, ts: 
     rest = solution.stats.get("segment", solution.interpolation)
     # diffrax saves the state at t0 with the first step that it keeps.
     saved = jnp.where((ts <= t0)[:, None], y0, solution.ys[0])
-    return Solution(saved, jnp.where(finite, solution.ts[1][0], t0), solution.ys[1][0], status, which, none, stats, rest)
+    # Where an event ended another trajectory of the batch, diffrax interpolates the last state of this one too, at the end of its
+    # step, which is another rounding. Its row at that time is always interpolated, and the loop's own state never.
+    left = rest[0].y if "segment" in solution.stats else solution.ys[1][0]
+    y_last = jnp.where(solution.ts[1][0] == ts[-1], saved[-1], left)
+    y_end = jnp.where(jnp.any(happened), solution.ys[1][0], y_last)
+    return Solution(saved, jnp.where(finite, solution.ts[1][0], t0), y_end, status, which, none, stats, rest)
 
 
 def solve_restarting(

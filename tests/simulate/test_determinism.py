@@ -1,5 +1,6 @@
 """The same bits from run to run, as docs/numerics.md promises."""
 
+import functools
 import json
 import subprocess
 import sys
@@ -29,7 +30,7 @@ def test_another_process_with_two_devices_has_the_same_bits(pendulum):
     assert json.loads(done.stdout.splitlines()[-1]) == results(pendulum)
 
 
-@pytest.mark.parametrize("options", [{}, {"dt0": 0.02}], ids=["adaptive", "equal"])
+@pytest.mark.parametrize("options", [{}, {"dt0": 0.02}, {"joint_limits": True}], ids=["adaptive", "equal", "limited"])
 def test_bits_depend_on_neither_threads_nor_place_nor_size_from_16_on(pendulum, options):
     """Sizes are multiples of 16: with others a few trajectories run in code for what is left over."""
     whole = run(pendulum, batch_size=32, threads=1, **options)
@@ -37,6 +38,22 @@ def test_bits_depend_on_neither_threads_nor_place_nor_size_from_16_on(pendulum, 
         assert hash_of(run(pendulum, **how, **options)) == hash_of(whole)
     turned = run(pendulum, order=slice(None, None, -1), batch_size=32, threads=1, **options)
     assert hash_of(jax.tree.map(lambda x: np.asarray(x)[::-1], turned)) == hash_of(whole)
+
+
+def test_an_event_of_one_leaves_the_others_their_bits(pendulum):
+    q, u = np.tile([0.1, 0.2], (16, 1)), np.linspace(-0.1, 0.1, 32).reshape(16, 2)
+    q[1, 0], u[1, 1] = -0.3, 5.0  # takes more steps than it may
+    swung = u.copy()
+    swung[0, 0] = 4.0  # comes to the end of its range
+    one = jax.jit(jax.vmap(lambda q, u: kj.simulate(pendulum, q, u, TS, joint_limits=True, max_steps=17)))
+    many = functools.partial(kj.simulate_batch, pendulum, ts=TS, joint_limits=True, max_steps=17, batch_size=16, threads=1)
+    for simulated, first in ((one, 2), (many, 1)):
+        calm, disturbed = simulated(q, u), simulated(q, swung)
+        assert calm.status.tolist() == [kj.Status.SUCCESSFUL, kj.Status.MAX_STEPS, *[kj.Status.SUCCESSFUL] * 14]
+        assert disturbed.status.tolist() == [kj.Status.EVENT, *calm.status.tolist()[1:]]
+        assert hash_of(jax.tree.map(lambda x, first=first: np.asarray(x)[first:], disturbed)) == hash_of(
+            jax.tree.map(lambda x, first=first: np.asarray(x)[first:], calm)
+        )
 
 
 def test_a_small_batch_differs_by_rounding(pendulum):
