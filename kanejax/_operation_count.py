@@ -54,7 +54,8 @@ def operation_count(function: Callable[..., Any], model: Model | Specialized, *s
     for the count alone.
 
     Args:
-        function: such as `inverse_dynamics`; any function of a model and arrays of coordinates and speeds.
+        function: such as `inverse_dynamics`, or one made of such functions; of a model, which has no leaves to read here, and of
+            arrays of coordinates and speeds.
         model: the mechanism, specialized here; leaves that `specialize` kept are constants all the same.
         state: arrays of the shapes and types of the other arguments; their values do not matter. Left out for arguments
             called q (of size nq), u, u_dot and tau (of size nv).

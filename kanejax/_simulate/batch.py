@@ -14,7 +14,7 @@ from kanejax._lanes import Listed, Results, Runner, cores, progress_bar, run_lan
 from kanejax._model.generalized_speeds import AnyModel, WithSpeeds, own
 from kanejax._model.model import leaf_shapes
 from kanejax._model.specialized import Specialized
-from kanejax._simulate.checks import check_batch, check_positive, with_counts
+from kanejax._simulate.checks import check_batch, check_positive, compilable
 from kanejax._simulate.segment import Segment
 from kanejax._simulate.simulate import simulate
 from kanejax._simulate.trajectory import Array, Status, Trajectory
@@ -82,7 +82,7 @@ def simulate_batch(
     if refused:
         raise ValueError(f"simulate_batch does not take {', '.join(sorted(refused))}: look at the status, and save more times")
     check_positive(batch_size=batch_size, threads=threads)
-    batch_size, options = int(batch_size), with_counts(options)
+    batch_size, options = int(batch_size), compilable(options, model.dtype)
     q0, u0 = check_batch(own(model), q0, u0)
     axes = model_axes(model, len(q0))
     batched = [leaf if axis == 0 else None for leaf, axis in zip(jax.tree.leaves(model), axes, strict=True)]

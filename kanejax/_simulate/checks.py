@@ -11,6 +11,8 @@ from kanejax._model.model import Model
 from kanejax._model.specialized import Specialized
 from kanejax._model.tree import COORDINATES, SPEEDS, Tree
 
+# Options that are numbers.
+TOLERANCES = ("rtol", "atol")
 COUNTS = ("batch_size", "threads", "max_steps", "max_events")
 
 
@@ -106,10 +108,19 @@ def check_positive(**values: Any) -> None:
             raise ValueError(f"{name} is {value}; it must be a whole number")
 
 
-def with_counts(options: dict[str, Any]) -> dict[str, Any]:
-    """The options with Python's integers for counts, which a compiled program must know: NumPy's would be traced."""
-    counts = {name: int(options[name]) for name in ("max_steps", "max_events") if options.get(name) is not None}
-    return {**options, **counts}
+def compilable(options: dict[str, Any], dtype: Any) -> dict[str, Any]:
+    """The options as arguments of a compiled program, checked where they are traced.
+
+    Counts, which it must know, as Python's integers, for NumPy's would be traced; tolerances as arrays, so that other ones do not
+    compile again.
+
+    Raises:
+        ValueError: one is not positive or not finite.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    check_positive(**{name: given[name] for name in TOLERANCES if name in given})
+    counts = {name: int(given[name]) for name in ("max_steps", "max_events") if name in given}
+    return options | counts | {name: np.asarray(given[name], dtype) for name in TOLERANCES if name in given}
 
 
 def joint_ranges(model: Model | Specialized) -> jax.Array:

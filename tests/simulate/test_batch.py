@@ -241,6 +241,24 @@ def test_one_compilation_serves_every_piece(pendulum):
     assert len(traced) == count
 
 
+def test_other_tolerances_do_not_compile_again(pendulum):
+    traced = []
+
+    def control(t, q, u):
+        traced.append(1)
+        return -u
+
+    def steps(rtol, atol):
+        return kj.simulate_batch(pendulum, *states(4), TS, control=control, rtol=rtol, atol=atol).stats["num_steps"]
+
+    rough = steps(1e-3, 1e-3)
+    count = len(traced)
+    assert (steps(np.float32(1e-9), jnp.asarray(1e-9)) > rough).all()
+    assert len(traced) == count
+    with pytest.raises(ValueError, match="rtol is 0"):
+        steps(0, 1e-3)
+
+
 def test_bad_batches_are_refused(pendulum):
     q0, u0 = states(3)
     with pytest.raises(ValueError, match=r"q0 has shape \(3, 1\), but this model needs \(batch, 2\)"):
