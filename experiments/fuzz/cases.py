@@ -66,15 +66,11 @@ def _text(random: Random) -> Case:
 
 def _mesh(random: Random) -> Case:
     """A mesh that an inertia needs."""
-    corners, triangles = (
-        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
-        np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
-    )
+    corners, triangles = seeds.CORNERS, seeds.TRIANGLES
     if random.random() < 0.5:
         name, data = "part.obj", seeds.TETRAHEDRON
     else:
-        rows = b"".join(struct.pack("<12fH", 0, 0, 0, *corners[row].ravel(), 0) for row in triangles)
-        name, data = "part.stl", bytes(80) + struct.pack("<I", len(triangles)) + rows
+        name, data = "part.stl", seeds.stl()
         if random.random() < 0.2:
             data = data[:80] + struct.pack("<I", int(random.choice([0, 1, 200_000, 2**31, 2**32 - 1]))) + data[84:]
     if random.random() < 0.2:
@@ -88,6 +84,47 @@ def _mesh(random: Random) -> Case:
     kind = random.choice(["legacy", "exact", "convex", "shell"])
     text = f'<mujoco><asset><mesh name="m" file="{name}" inertia="{kind}"/></asset><worldbody>{body}</worldbody></mujoco>'
     return Case("mesh file", "main.xml", {"main.xml": text.encode(), name: data}, options=_flags(random))
+
+
+def _seen_robot(random: Random) -> Case:
+    """A robot whose meshes are to be drawn, mutated itself or in its meshes; one mesh lies outside of its folder."""
+    files = {"part.obj": seeds.TETRAHEDRON, "part.stl": seeds.stl(), "part.dae": seeds.COLLADA.encode()}
+    name = str(random.choice(list(files)))
+    where = str(random.choice(["", "", "package://in/", "file://", "./", "../", "../../", "package://../", "/", "package:///"]))
+    outside = where in ("../", "package://../") and random.random() < 0.5
+    text = seeds.SEEN_URDF if random.random() < 0.6 else seeds.SEEN_MJCF
+    text = text.replace("MESH", "../secret.obj" if outside else f"{where}{name}")
+    if random.random() < 0.6:
+        change = (changed_xml, changed_numbers, changed_bytes)[int(random.integers(0, 2 if name == "part.obj" else 3))]
+        change = changed_xml if name == "part.dae" and random.random() < 0.6 else change if name != "part.stl" else changed_bytes
+        files[name] = (changed_numbers if change is changed_xml and name == "part.obj" else change)(files[name], random)
+    data = _mutated(text.encode(), random) if random.random() < 0.5 else text.encode()
+    links = {"link.obj": "../secret.obj"} if random.random() < 0.2 else {}
+    if links:
+        data = data.replace(name.encode(), b"link.obj")
+    return Case("seen robot", "main.xml", {**files, "main.xml": data}, links, _flags(random))
+
+
+def _seen_motion(random: Random) -> Case:
+    """A motion to be shown, as an archive, as text, or as a data set."""
+    draw = random.random()
+    if draw < 0.4:
+        ts = np.linspace(0.0, 1.0, 12)
+        arrays: dict[str, Any] = {"ts": ts, "q": np.sin(ts)[:, None], "u": np.cos(ts)[:, None], "tau": np.ones((11, 1))}
+        name = str(random.choice(list(arrays)))
+        arrays[name] = (
+            *(np.zeros((12, 3)), np.zeros(0), np.full((12, 1), np.nan), np.array("x"), np.array([None] * 12), np.zeros((3, 12, 1))),
+            *(np.full((12, 1), 1e308), np.zeros((12, 1), complex), np.arange(12)[::-1], np.zeros((12, 0)), np.array(1.0)),
+        )[int(random.integers(0, 11))]
+        stream = io.BytesIO()
+        np.savez(stream, **arrays)
+        if random.random() < 0.3:
+            _patch_header(stream, name, random)
+        data = changed_bytes(stream.getvalue(), random) if random.random() < 0.3 else stream.getvalue()
+        return Case("seen motion", "motion.npz", {"motion.npz": data})
+    if draw < 0.7:
+        return _csv(random)._replace(kind="seen motion", options={})
+    return _data_set(random)._replace(kind="seen motion")
 
 
 _VALUES: tuple[Any, ...] = (
@@ -314,6 +351,8 @@ _KINDS: dict[str, Callable[[Random], Case]] = {
     "task TOML": _toml("task TOML", seeds.TASK),
     "study TOML": _toml("study TOML", seeds.STUDY),
     "data set": _data_set,
+    "seen robot": _seen_robot,
+    "seen motion": _seen_motion,
 }
 # How often each kind is drawn.
-SHARES = dict(zip(_KINDS, (20, 28, 8, 6, 10, 10, 6, 3, 3, 3, 3, 3, 8), strict=True))
+SHARES = dict(zip(_KINDS, (20, 28, 8, 6, 10, 10, 6, 3, 3, 3, 3, 3, 8, 8, 6), strict=True))

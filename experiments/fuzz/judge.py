@@ -20,10 +20,16 @@ from kanejax._identify.configuration import read_configuration
 from kanejax._logs.log import Log
 from kanejax._model.model import Model, leaf_shapes
 from kanejax._motion_task.task_file import read_task
+from kanejax._view.scene import Scene, scene_of
+from kanejax._view.track_files import read_tracks
+from kanejax._view.tracks import Track
 
 # Beside the folder of each input, where no loader may look.
-SECRET = b'<mujoco><option gravity="0 0 -77"/><worldbody/></mujoco>'
-_FORBIDDEN_GRAVITY = -77.0
+SECRETS = {
+    "secret.xml": b'<mujoco><option gravity="0 0 -77"/><worldbody/></mujoco>',
+    "secret.obj": b"v 77777 0 0\nv 77778 0 0\nv 77777 1 0\nf 1 2 3\n",
+}
+_FORBIDDEN_GRAVITY, _FORBIDDEN_SIZE = -77.0, 7000.0
 _MUCH_MEMORY, _MUCH_TIME = 700, 10.0
 # Messages that say that MuJoCo, and not we, found out.
 _TOO_LATE = ("allocat", "unknown exception", "bad_alloc")
@@ -43,7 +49,8 @@ def judged(case: Case, folder: Path) -> Verdict:
     """Write an input below `folder`, which is empty, load it there, and see whether that went as it may."""
     inside, work = folder / "in", folder / "work"
     _written(case, inside)
-    (folder / "secret.xml").write_bytes(SECRET)
+    for name, data in SECRETS.items():
+        (folder / name).write_bytes(data)
     work.mkdir()
     os.chdir(work)
     memory, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
@@ -65,9 +72,11 @@ def judged(case: Case, folder: Path) -> Verdict:
         finding = "" if isinstance(error, documented) else f"{outcome}: {str(error)[:300]}"
     seconds = time.perf_counter() - start
     megabytes = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory) / 1024
-    left = [str(path) for path in (*work.iterdir(), *folder.iterdir()) if path not in (inside, work, folder / "secret.xml")]
-    if left or (folder / "secret.xml").read_bytes() != SECRET:
-        finding = finding or f"wrote {left or 'secret.xml'}"
+    known = (inside, work, *(folder / name for name in SECRETS))
+    left = [str(path) for path in (*work.iterdir(), *folder.iterdir()) if path not in known]
+    left += [name for name, data in SECRETS.items() if (folder / name).read_bytes() != data]
+    if left:
+        finding = finding or f"wrote {left}"
     if megabytes > _MUCH_MEMORY or seconds > _MUCH_TIME:
         finding = finding or f"took {seconds:.1f} s and {megabytes:.0f} MB"
     return Verdict(outcome, finding, seconds, megabytes)
@@ -78,6 +87,16 @@ def nonsense(loaded: Any, case: Case) -> str:
     if isinstance(loaded, Log):
         arrays = [array for run in loaded.runs for array in (run.ts, run.q, run.effort)]
         return "" if all(np.all(np.isfinite(array)) for array in arrays) else "a log with numbers that are not finite"
+    if isinstance(loaded, Scene):
+        corners = [each.surface.vertices for each in (*loaded.shapes, *loaded.ellipsoids)]
+        if not all(np.all(np.isfinite(each)) for each in corners):
+            return "a surface with numbers that are not finite"
+        if case.files["main.xml"].count(b"secret.obj") and any(np.any(np.abs(each) > _FORBIDDEN_SIZE) for each in corners):
+            return "a mesh outside of the folder was read"
+        return ""
+    if case.kind == "seen motion":
+        sound = all(np.all(np.isfinite(track.ts)) and np.all(np.diff(track.ts) > 0) for track in loaded)
+        return "" if sound and all(np.all(np.isfinite(track.q)) for track in loaded) else "a motion that cannot be shown"
     if case.kind == "data set":
         return "" if loaded == seeds.data_set() else "went on with a store that is not that of the study"
     if not isinstance(loaded, Model):
@@ -162,6 +181,14 @@ def _data_set(_: Case, path: Path) -> dict[str, bytes]:
     return {name: (path / name).read_bytes() for name in seeds.data_set()}
 
 
+def _seen_robot(case: Case, path: Path) -> Scene:
+    return scene_of(path, **case.options)
+
+
+def _seen_motion(_: Case, path: Path) -> list[Track]:
+    return read_tracks(path, kj.load(seeds.PENDULUM), None)[0]
+
+
 _LOADERS = {
     "DH table": _dh,
     **dict.fromkeys(("CSV log", "NPZ log", "Parquet log", "MCAP log"), _log),
@@ -169,6 +196,8 @@ _LOADERS = {
     "task TOML": _task,
     "study TOML": _study,
     "data set": _data_set,
+    "seen robot": _seen_robot,
+    "seen motion": _seen_motion,
 }
 
 

@@ -4,6 +4,7 @@ import functools
 import importlib.util
 import io
 import pathlib
+import struct
 import tempfile
 
 import numpy as np
@@ -63,6 +64,40 @@ PENDULUM = (
     '<mujoco><worldbody><body name="arm"><joint name="hinge"/><geom name="ball" size="0.1" mass="1"/></body></worldbody></mujoco>'
 )
 TETRAHEDRON = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+COLLADA = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="meter" meter="1"/><up_axis>Z_UP</up_axis></asset>
+<library_effects><effect id="e"><profile_COMMON><technique sid="c"><phong><diffuse><color>1 0 0 1</color></diffuse></phong>
+</technique></profile_COMMON></effect></library_effects>
+<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh><source id="p"><float_array id="a" count="12">0 0 0 1 0 0 0 1 0 0 0 1</float_array>
+<technique_common><accessor source="#a" count="4" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="4" material="m"><input semantic="VERTEX" source="#v" offset="0"/>
+<p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles></mesh></geometry>
+</library_geometries>
+<library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"><bind_material><technique_common>
+<instance_material symbol="m" target="#m"/></technique_common></bind_material></instance_geometry></node></visual_scene>
+</library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>
+"""
+_LOOK = (
+    '<visual><origin xyz="0 0 0.1" rpy="0.1 0 0"/><geometry>{}</geometry><material name="m"><color rgba="1 0 0 1"/></material>'
+    "</visual>"
+)
+SEEN_URDF = (
+    f'<robot name="arm"><link name="base">{_LOOK.format("""<box size="0.2 0.2 0.1"/>""")}</link>'
+    f'<link name="l1">{_INERTIAL}{_LOOK.format("""<mesh filename="MESH" scale="0.1 0.1 0.1"/>""")}'
+    f"{_LOOK.format('''<cylinder radius="0.1" length="0.3"/>''')}</link>{_JOINT.format(1, 'base', 'l1', 'revolute')}</robot>"
+)
+SEEN_MJCF = """<mujoco><asset><mesh name="part" file="MESH" scale="0.1 0.1 0.1"/><material name="m" rgba="1 0 0 1"/></asset>
+<worldbody><geom type="plane" size="1 1 1"/>
+  <body name="arm"><joint name="hinge"/><geom name="ball" size="0.1" mass="1" material="m"/>
+    <geom type="mesh" mesh="part" mass="0"/><geom type="capsule" fromto="0 0 0 0 0 0.3" size="0.02" rgba="0 1 0 1"/>
+    <geom type="ellipsoid" size="0.1 0.2 0.3"/><geom type="cylinder" size="0.1 0.2"/><geom type="box" size="0.1 0.1 0.1"/></body>
+</worldbody></mujoco>"""
 # What an MJCF of the seeds finds beside it.
 BESIDE = {"meshes/part.obj": TETRAHEDRON, "more.xml": b'<mujoco><option gravity="0 0 -1"/></mujoco>'}
 JOINTS = ("shoulder", "elbow")
@@ -151,6 +186,12 @@ dt0 = 0.05
 max_steps = 4096
 joint_limits = false
 """
+
+
+def stl() -> bytes:
+    """The tetrahedron as a binary STL."""
+    rows = b"".join(struct.pack("<12fH", 0, 0, 0, *CORNERS[row].ravel(), 0) for row in TRIANGLES)
+    return bytes(80) + struct.pack("<I", len(TRIANGLES)) + rows
 
 
 def study() -> kj.Study:

@@ -1,6 +1,7 @@
 """The command `kanejax render`."""
 
 import contextlib
+import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ from rich.text import Text
 
 from kanejax._cli.terminal import (
     BAD_INPUT,
+    Json,
     Repair,
     Robot,
     Strict,
@@ -56,6 +58,7 @@ def render(
     repair: Repair = False,
     strict: Strict = False,
     allow_unphysical: Unphysical = False,
+    as_json: Json = False,
 ) -> None:
     """Make a film of a robot's motion, or a picture of a moment, without a screen or a graphics card.
 
@@ -76,7 +79,7 @@ def render(
         from kanejax._view.render import render as film
 
         use_compilation_cache()
-        with jax.enable_x64(True), _bar(str(out)) as progress:
+        with jax.enable_x64(True), _bar(str(out), shown=not as_json) as progress:
             notes = film(
                 robot,
                 trajectory,
@@ -96,6 +99,9 @@ def render(
                 progress=progress,
                 **dict(zip(("azimuth", "elevation", "distance"), angles, strict=False)),
             )
+        if as_json:
+            print(json.dumps({"out": str(out), "notes": notes}))
+            return
         tell(notes)
         console().print(Text(f"written: {out}"), soft_wrap=True)
 
@@ -112,9 +118,9 @@ def _numbers(option: str, text: str, mark: str, counts: tuple[int, ...], example
 
 
 @contextlib.contextmanager
-def _bar(title: str) -> Iterator[Callable[[int, int], None] | None]:
+def _bar(title: str, *, shown: bool) -> Iterator[Callable[[int, int], None] | None]:
     """How far the film is, on a terminal."""
-    if not sys.stderr.isatty():
+    if not (shown and sys.stderr.isatty()):
         yield None
         return
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()

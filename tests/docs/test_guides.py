@@ -216,4 +216,5 @@ def test_commands_run_as_printed(tmp_path, monkeypatch):
 def test_options_of_the_commands_exist():
     text = (DOCS / "howto" / "command_line.md").read_text()
     known = set().union(*(options_of(command) for command in commands().values())) | {"--help"}
+    known |= {option for parameter in typer.main.get_command(cli.app).params for option in parameter.opts}
     assert set(re.findall(r"`[^`\n]*?(--[a-z-]+)", text)) <= known

@@ -43,6 +43,8 @@ def chain(count: int, inertia: str = "1") -> str:
         ("DH table", 200),
         ("task TOML", 25),
         ("study TOML", 40),
+        ("seen robot", 60),
+        ("seen motion", 60),
     ],
 )
 def test_mutated_input_loads_or_is_refused_by_name(

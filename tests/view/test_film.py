@@ -1,5 +1,6 @@
 """Films: so many pictures, so large, the robot where it is, the same pictures each time, and no file after an interruption."""
 
+import json
 import os
 import signal
 import subprocess
@@ -184,6 +185,15 @@ def test_a_film_without_a_motion_is_refused(folder):
     result = run("--out", "film.mp4")
     assert result.exit_code == 2
     assert "a film needs a trajectory" in result.stderr
+
+
+def test_a_program_reads_what_was_written_and_what_is_not_shown(folder):
+    (folder / "tetrahedron.stl").unlink()
+    result = run("--out", "arm.png", "--size", "64x48", "--json")
+    told = json.loads(result.stdout)
+    assert told["out"] == "arm.png"
+    assert "'tetrahedron.stl' is not there" in told["notes"][0]
+    assert result.stderr == ""
 
 
 def test_an_interrupted_film_leaves_nothing(folder):
