@@ -111,7 +111,8 @@ def parsed_toml(text: str, origin: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         # Numbers of too many digits are a ValueError of their own, and tables in tables without end a RecursionError.
-        raise ConfigurationError(f"{origin}: not TOML: {error}") from error
+        hint = "; that is XML, such as a robot: give a TOML file, --example prints one" if text.lstrip().startswith("<") else ""
+        raise ConfigurationError(f"{origin}: not TOML: {error}{hint}") from error
 
 
 def checked(origin: str, label: str, table: Mapping[str, Any], keys: Mapping[str, Kind]) -> dict[str, Any]:

@@ -19,8 +19,6 @@
 # JAX's settings; here we want all digits.
 
 # %%
-import importlib.metadata
-
 import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
@@ -38,7 +36,7 @@ np.set_printoptions(precision=4, suppress=True)
 # Put the path of your own URDF or MJCF here. This is a Universal Robots UR10, from the package `example-robot-data`.
 
 # %%
-urdf = next(file for file in importlib.metadata.files("example-robot-data") if file.name == "ur10_robot.urdf").locate()
+urdf = kj.robots.example_file("ur10_robot.urdf")
 model = kj.load(urdf)
 
 print(f"{model.nbody} bodies, {model.nv} joints: {', '.join(model.tree.joint_names)}")

@@ -16,7 +16,6 @@
 
 # %%
 import collections
-import importlib.metadata
 
 import jax
 import jax.numpy as jnp
@@ -38,7 +37,7 @@ random = np.random.default_rng(0)
 # that returns a model gives a model whose arrays have a batch axis: 4096 robots.
 
 # %%
-urdf = next(file for file in importlib.metadata.files("example-robot-data") if file.name == "ur5_joint_limited_robot.urdf").locate()
+urdf = kj.robots.example_file("ur5_joint_limited_robot.urdf")
 arm = kj.with_payload(kj.load(urdf), "wrist_3_link", "load", position=[0.0, 0.15, 0.0])
 
 

@@ -17,7 +17,6 @@
 # [docs/identification.md](../docs/identification.md) is the guide.
 
 # %%
-import importlib.metadata
 import os
 from pathlib import Path
 
@@ -39,7 +38,7 @@ random = np.random.default_rng(0)
 # dry.
 
 # %%
-urdf = next(file for file in importlib.metadata.files("example-robot-data") if file.name == "ur5_joint_limited_robot.urdf").locate()
+urdf = kj.robots.example_file("ur5_joint_limited_robot.urdf")
 nominal = kj.load(urdf)
 
 truth = kj.with_payload(nominal, "wrist_3_link", "load", position=[0.0, 0.1, 0.0]).body("load").set(mass=1.5)

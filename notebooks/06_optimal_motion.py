@@ -16,8 +16,6 @@
 # [docs/optimization.md](../docs/optimization.md) is the guide.
 
 # %%
-import importlib.metadata
-
 import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
@@ -28,7 +26,7 @@ import kanejax as kj
 jax.config.update("jax_enable_x64", True)
 np.set_printoptions(precision=4, suppress=True)
 
-urdf = next(file for file in importlib.metadata.files("example-robot-data") if file.name == "ur10_robot.urdf").locate()
+urdf = kj.robots.example_file("ur10_robot.urdf")
 arm = kj.load(urdf).replace(armature=np.full(6, 0.2))  # inertia of the rotors [kg m^2]: the file has none, and a real arm has
 
 # %% [markdown]

@@ -29,7 +29,8 @@ SECRETS = {
     "secret.xml": b'<mujoco><option gravity="0 0 -77"/><worldbody/></mujoco>',
     "secret.obj": b"v 77777 0 0\nv 77778 0 0\nv 77777 1 0\nf 1 2 3\n",
 }
-_FORBIDDEN_GRAVITY, _FORBIDDEN_SIZE = -77.0, 7000.0
+# Meshes are drawn at a tenth of their size.
+_FORBIDDEN_GRAVITY, _FORBIDDEN_SIZE = -77.0, 7777.7
 _MUCH_MEMORY, _MUCH_TIME = 700, 10.0
 # Messages that say that MuJoCo, and not we, found out.
 _TOO_LATE = ("allocat", "unknown exception", "bad_alloc")
@@ -91,7 +92,7 @@ def nonsense(loaded: Any, case: Case) -> str:
         corners = [each.surface.vertices for each in (*loaded.shapes, *loaded.ellipsoids)]
         if not all(np.all(np.isfinite(each)) for each in corners):
             return "a surface with numbers that are not finite"
-        if case.files["main.xml"].count(b"secret.obj") and any(np.any(np.abs(each) > _FORBIDDEN_SIZE) for each in corners):
+        if any(np.any(np.isclose(np.linalg.norm(each, axis=1), _FORBIDDEN_SIZE, rtol=1e-3)) for each in corners):
             return "a mesh outside of the folder was read"
         return ""
     if case.kind == "seen motion":

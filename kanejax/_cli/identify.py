@@ -52,7 +52,7 @@ def identify(
     out: Annotated[Path, typer.Option(help="The folder to write to.", show_default=False)],
     config: Annotated[
         Path | None,
-        typer.Option(help="TOML file with columns, filters, and what is sought; see --example-config.", show_default=False),
+        typer.Option(help="TOML file with columns, filters, and what is sought; see --example.", show_default=False),
     ] = None,
     validation: Annotated[
         list[Path] | None, typer.Option(help="A recording to hold out; may be given several times.", show_default=False)
@@ -64,8 +64,8 @@ def identify(
     strict: Strict = True,
     allow_unphysical: Unphysical = False,
     as_json: Json = False,
-    example_config: Annotated[
-        bool, typer.Option("--example-config", callback=_print_example, is_eager=True, help="Print a configuration, and exit.")
+    example: Annotated[
+        bool, typer.Option("--example", callback=_print_example, is_eager=True, help="Print a configuration, and exit.")
     ] = False,
 ) -> None:
     """Find inertias, friction and other parameters of a robot from recordings of its motion.
@@ -78,7 +78,7 @@ def identify(
     - `kanejax identify arm.urdf log.csv --out result`
     - `kanejax identify arm.urdf log.csv --out result --resume`
     - `kanejax identify arm.urdf a.csv b.csv --validation c.csv --config id.toml --out result`
-    - `kanejax identify --example-config > id.toml`
+    - `kanejax identify --example > id.toml`
     """
     with one_line_errors():
         import jax

@@ -12,6 +12,7 @@ from rich.text import Text
 from kanejax._cli.optimize_search import Found
 from kanejax._cli.terminal import write_arrays, write_json
 from kanejax._identify.record import plain, versions
+from kanejax._model.tree import Tree
 from kanejax._motion_task.task_file import TaskFile
 from kanejax._optimal_control.search import Result
 from kanejax._optimize.motion import OptimalMotion
@@ -57,6 +58,7 @@ def motion_record(
             "costs_of_guesses": found.costs,
             "joints": task.model.tree.joint_names,
             "greatest": {what: dict(zip(names, _greatest(getattr(motion, what)), strict=True)) for what in ("u", "u_dot", "tau")},
+            "units_of_q": dict(zip(names, _units(task.model.tree), strict=True)),
             "replays": {name: _replay(each, names) for name, each in played.items()},
         }
     )
@@ -128,8 +130,9 @@ def sentences(record: Mapping[str, Any]) -> list[str]:
             found.append(f"replay in {name}: {replay['problem']}")
             continue
         worst, at_end = (max(replay[key].items(), key=lambda item: item[1]) for key in ("q", "q_at_end"))
-        off = f"{worst[1]:.2g} off the motion ({worst[0]}), and {at_end[1]:.2g} at its end ({at_end[0]})"
-        found.append(f"replayed in {name}, the forces alone lead up to {off}")
+        off, left = (f"{value:.2g} {record['units_of_q'][name]}" for name, value in (worst, at_end))
+        off = f"{off} off the motion ({worst[0]}), and {left} at its end ({at_end[0]})"
+        found.append(f"replayed in {name}, the forces alone, without feedback, lead up to {off}")
     return found
 
 
@@ -142,6 +145,12 @@ def _replay(replay: Deviation | str, names: tuple[str, ...]) -> dict[str, Any]:
         return {"problem": replay}
     rows = {"q": _greatest(replay.q), "u": _greatest(replay.u), "q_at_end": np.abs(replay.q[-1]), "u_at_end": np.abs(replay.u[-1])}
     return {what: dict(zip(names, values, strict=True)) for what, values in rows.items()}
+
+
+def _units(tree: Tree) -> list[str]:
+    """Of small displacements, for each speed."""
+    of_kind = {"revolute": ["rad"], "prismatic": ["m"], "ball": ["rad"] * 3, "free": ["m"] * 3 + ["rad"] * 3}
+    return [unit for kind in tree.joint_types for unit in of_kind[kind]]
 
 
 def _number(value: float | None) -> str:

@@ -22,7 +22,11 @@ def write_file(study: Study, out: Path, robot: str, *, progress: bool) -> tuple[
     needed = needed_bytes(study)
     if needed > _LARGEST_FILE:
         raise DatasetError(f"{out} would have {size_in_words(needed)}, all in memory before; write a .zarr store, piece by piece")
-    arrays = simulated_study(study, progress=progress)
+    try:
+        arrays = simulated_study(study, progress=progress)
+    except KeyboardInterrupt:
+        complain(f"{out} is not written; a .zarr store keeps what is done, and --resume goes on from there", "")
+        raise
     median, worst = energy_change(study.model, arrays) if not study.parameters and study.control is None else (None, None)
     details = attributes_of(study, {"robot": robot}) | {"energy_change_median": median, "energy_change_worst": worst}
     write_arrays(out, {**arrays, "details": json.dumps(details)})

@@ -116,6 +116,22 @@ class Store:
                 raise DatasetError(f"{place} is a link; a data set has none, and nothing is read or written where it leads")
 
 
+def link_free(path: Path) -> Any:
+    """A store to read from, as zarr takes it, that refuses links in place of its files and folders with DatasetError."""
+    zarr = zarr_package()
+
+    class LinkFree(zarr.storage.LocalStore):
+        async def get(self, key: str, *options: Any, **more: Any) -> Any:
+            place = path
+            for part in key.split("/"):
+                place = place / part
+                if place.is_symlink():
+                    raise DatasetError(f"{place} is a link; a data set has none, and nothing is read where it leads")
+            return await super().get(key, *options, **more)
+
+    return LinkFree(path, read_only=True)
+
+
 def create(path: Path, layout: Mapping[str, ArrayLayout], chunk: int, attributes: Mapping[str, Any]) -> None:
     """Make a store without trajectories; it appears under its name once it is complete.
 

@@ -145,6 +145,9 @@ def _npz_samples(path: Path, names: Sequence[str], places: Sequence[int]) -> Sam
             entries = {entry.filename: entry.file_size for entry in archive.zip.infolist()}
             wanted = {names[place] for place in places}
             _check_unpacked(path, sum(entries.get(f"{name}.npy", entries.get(name, 0)) for name in wanted))
+            for name in wanted:
+                if promises_too_much(archive, name):
+                    raise LogError(f"{path}: the array {name!r} says that it is larger than it is; write the file anew")
             arrays = {place: archive[names[place]] for place in places}
     except LogError:
         raise
@@ -152,6 +155,23 @@ def _npz_samples(path: Path, names: Sequence[str], places: Sequence[int]) -> Sam
         # What is wrong with an array shows only when it is read.
         raise LogError(f"{path}: an array is not of numbers, or broken: {shortened(error)}") from error
     return Samples([_numbers(path, names[place], arrays[place]) for place in places], {})
+
+
+def promises_too_much(archive: Any, name: str) -> bool:
+    """Whether the header of an array in an NPZ file tells of more than follows: NumPy would get memory for that first."""
+    try:
+        # Of several of one name NumPy takes the one that this gives.
+        entry = archive.zip.getinfo(f"{name}.npy")
+    except KeyError:
+        return False
+    with archive.zip.open(entry) as file:
+        version = np.lib.format.read_magic(file)
+        if version not in ((1, 0), (2, 0)):
+            return True
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, kind = read(file)
+    # Objects are pickled, and refused for that.
+    return not kind.hasobject and float(np.prod(shape, dtype=float)) * kind.itemsize > entry.file_size
 
 
 def parquet_table(path: Path) -> Table:

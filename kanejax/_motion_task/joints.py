@@ -69,18 +69,19 @@ def limits_of_joints(origin: str, label: str, value: Any, model: Model, field: s
 
 
 def limits_of_robot(origin: str, label: str, robot: str, field: str, tree: Tree) -> dict[str, float]:
-    """Greatest speeds or forces that the URDF of a robot states, by joint.
+    """Greatest speeds or forces that the URDF of a robot, a path or its text, states by joint.
 
     Raises:
         ConfigurationError: the file is no URDF, or states none.
     """
     attribute = {"u": "velocity", "tau": "effort"}[field]
-    root = parsed_xml(file_content(robot), robot)
+    is_text = robot.lstrip().startswith("<")
+    root = parsed_xml(robot.lstrip() if is_text else file_content(robot), "the robot" if is_text else robot)
     joints = [joint for joint in root.iter("joint") if joint.get("name") in tree.joint_names]
     limits = [(joint.get("name", ""), joint.find("limit")) for joint in joints]
     found = {name: float(limit.get(attribute, "nan")) for name, limit in limits if limit is not None and limit.get(attribute)}
     if root.tag != "robot" or not found:
-        refuse(origin, f'{label} is "robot", but {robot} states no limits of {attribute}; give numbers')
+        refuse(origin, f'{label} is "robot", but {"the robot" if is_text else robot} states no limits of {attribute}; give numbers')
     return found
 
 

@@ -80,7 +80,8 @@ def read_task(path: Path, load: Callable[[str], "LoadReport"]) -> TaskFile:
     constraints = read_terms(origin, "[constraints]", top.get("constraints", {}), CONSTRAINTS)
     ends = {name: _read_end(origin, name, top[name]) for name in ("start", "goal")}
     tables = {name: checked(origin, f"[{name}]", top.get(name, {}), KEYS[name]) for name in ("limits", "solver", "output")}
-    robot = load(str(path.parent / top["robot"]))
+    source = top["robot"] if top["robot"].lstrip().startswith("<") else str(path.parent / top["robot"])
+    robot = load(source)
     model = _held(origin, robot.model, top)
     solver = tables["solver"]
     with _told(origin, "the task"):
@@ -91,7 +92,7 @@ def read_task(path: Path, load: Callable[[str], "LoadReport"]) -> TaskFile:
             goal,
             top["duration"],
             made_terms(origin, "[costs]", costs, COSTS, model.tree),
-            limits=_limits(origin, tables["limits"], model, robot.origin),
+            limits=_limits(origin, tables["limits"], model, source),
             constraints=made_terms(origin, "[constraints]", constraints, CONSTRAINTS, model.tree),
             **{key: solver[key] for key in _OF_TASK if key in solver},
         )

@@ -35,7 +35,7 @@ class MeshFolders:
             package, _, rest = name[len(_PACKAGE) :].lstrip("/").partition("/")
             bases = self._package(package)
             if not bases:
-                raise ModelFileError(f"{name!r} is in none of the known packages; name the folder of {package!r} with packages=")
+                raise ModelFileError(f"the package {package!r} of meshes is not found; name its folder with packages=")
             roots = tuple(base.resolve() for base in bases)
         else:
             rest = unquote(urlsplit(name).path) if name.startswith("file://") else name

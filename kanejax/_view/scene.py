@@ -28,6 +28,8 @@ BONE_COLOR = (0.35, 0.38, 0.42)
 # The smallest semi-axis that is drawn, over the size of the robot.
 _THINNEST = 0.002
 _MOST_PROBLEMS = 8
+# What is farther away [m] is an error, and cannot be drawn in single precision.
+_FARTHEST = 1e6
 
 
 class Fixed(NamedTuple):
@@ -109,18 +111,29 @@ def scene_of(
     if isinstance(robot, Model):
         return _scene(robot, [], ())
     report = load_report(robot, strict=strict, repair=repair, allow_unphysical=allow_unphysical)
-    shapes, problems = _shapes(robot, report.model, tuple(Path(folder) for folder in packages))
+    found, problems = _shapes(robot, report.model, tuple(Path(folder) for folder in packages))
+    shapes = [each for each in found if np.all(np.abs(each.surface.vertices) < _FARTHEST)]
+    if len(shapes) < len(found):
+        problems.append(f"{len(found) - len(shapes)} with numbers that are not finite, or beyond {_FARTHEST:g} m")
     return _scene(report.model, shapes, (*report.ignored, *report.repaired, *_not_drawn(problems, report.origin)))
 
 
 def _not_drawn(problems: list[str], origin: str) -> list[str]:
-    """One sentence for all shapes that cannot be drawn."""
+    """One sentence for all shapes that cannot be drawn, each reason told once."""
     if not problems:
         return []
-    listed = "; ".join(problems[:_MOST_PROBLEMS]) + (
-        f"; and {len(problems) - _MOST_PROBLEMS} more" * (len(problems) > _MOST_PROBLEMS)
-    )
-    return [f"{origin}: {len(problems)} shapes are not drawn: {listed}"]
+    places: dict[str, list[str]] = {}
+    for problem in problems:
+        place, _, reason = problem.partition(": ")
+        places.setdefault(reason, []).append(place)
+    told = [f"{_first(names, ', ')}: {reason}" if reason else _first(names, ", ") for reason, names in places.items()]
+    return [f"{origin}: {len(problems)} shapes are not drawn: {_first(told, '; ')}"]
+
+
+def _first(words: list[str], mark: str) -> str:
+    """Some of them, and how many more there are."""
+    more = len(words) - _MOST_PROBLEMS
+    return mark.join(words[:_MOST_PROBLEMS]) + (f"{mark}and {more} more" if more > 0 else "")
 
 
 def reference_coordinates(model: Model) -> Float[np.ndarray, " nq"]:

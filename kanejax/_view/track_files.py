@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from kanejax._dataset.store import zarr_package
+from kanejax._dataset.store import link_free, zarr_package
 from kanejax._errors import DatasetError, LogError
 from kanejax._logs.columns import Columns
 from kanejax._logs.log import Log
 from kanejax._logs.read_log import read_log
-from kanejax._logs.tables import text_table
+from kanejax._logs.tables import promises_too_much, text_table
 from kanejax._model.model import Model
 from kanejax._model.tree import COORDINATES, SPEEDS
 from kanejax._view.scene import reference_coordinates
@@ -102,6 +102,9 @@ def _npz_tracks(file: Path, model: Model, rows: Sequence[int] | None) -> tuple[l
             unpacked = sum(entries.get(f"{name}.npy", 0) for name in names)
             if unpacked > max(_MOST_BYTES, _MOST_TIMES * file.stat().st_size):
                 raise ViewError(f"{file}: it unpacks to {unpacked} bytes, {_MOST_TIMES} times its size; write it anew")
+            for name in names:
+                if promises_too_much(archive, name):
+                    raise ViewError(f"{file}: the array {name!r} says that it is larger than it is; write the file anew")
             arrays = {key: archive[name] for key, name in wanted.items()}
             joints = archive["joint_names"].tolist() if "joint_names" in names else None
             keys = sorted(archive.files)
@@ -124,7 +127,7 @@ def _store_tracks(path: Path, model: Model, rows: Sequence[int] | None) -> tuple
     if not path.is_dir():
         raise DatasetError(f"{path} is no folder, so it is no data set")
     try:
-        group = zarr.open_group(str(path), mode="r")
+        group = zarr.open_group(link_free(path), mode="r")
         found = {key: group[name] for key, names in _NAMES.items() for name in names if name in group}
         joints = None if "q" not in found else found["q"].attrs.get("joints")
         arrays = {key: _stored(array, key, rows or (0,), path) for key, array in found.items()}

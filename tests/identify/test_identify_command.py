@@ -207,7 +207,7 @@ def test_stage_that_does_not_converge(folder, first, monkeypatch):
 
 
 def test_example_configuration_works(folder, first):
-    example = CliRunner().invoke(cli.app, ["identify", "--example-config"])
+    example = CliRunner().invoke(cli.app, ["identify", "--example"])
     assert example.exit_code == 0
     text = (folder / "a.csv").read_text().split("\n", 1)[1]
     (folder / "plain.csv").write_text("time,position_shoulder,position_elbow,effort_shoulder,effort_elbow\n" + text)

@@ -51,7 +51,7 @@ def test_packages_are_folders_above_the_robot_of_that_name_or_named_by_the_user(
     elsewhere = robot(tmp_path / "other" / "urdf", "package://my_arm/meshes/t.stl")
     seen, note = drawn(elsewhere)
     assert not seen
-    assert "name the folder of 'my_arm' with packages=" in note
+    assert "the package 'my_arm' of meshes is not found; name its folder with packages=" in note
     for packages in (tmp_path, tmp_path / "my_arm"):
         assert drawn(elsewhere, packages=(packages,)) == (True, "")
     beside = robot(tmp_path / "other" / "urdf", "../../my_arm/meshes/t.stl")
