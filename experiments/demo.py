@@ -239,8 +239,7 @@ def main() -> None:
         console.print(Text(f"-- {name}: {seconds[name]:.1f} s", style="dim"))
         begin = time.perf_counter()
 
-    file = next(f for f in importlib.metadata.files("example-robot-data") or [] if f.as_posix().endswith(URDF))
-    urdf = Path(str(file.locate()))
+    urdf = kj.robots.example_file(URDF)
     loaded = kj.load_report(urdf, strict=False)
     model = loaded.model
     console.print(model_tree(model, "Franka Emika Panda"))

@@ -7,7 +7,6 @@ peer those of its windows. A problem counts as converged where the error is belo
 The peer runs by the interpreter that KANEJAX_SYSID_PYTHON names, by default this one; it needs mujoco[sysid]==4.0.0 and numpy 2.3.
 """
 
-import importlib.metadata
 import json
 import os
 import statistics
@@ -54,7 +53,7 @@ THREE_LINKS = """
         <inertial pos="0.15 -0.01 0.02" mass="1" fullinertia="0.004 0.01 0.01 0.0005 -0.0005 0.0003"/>
       </body></body></body>
 </worldbody></mujoco>"""
-PANDA = "share/example-robot-data/robots/panda_description/urdf/panda.urdf"
+PANDA = "panda_description/urdf/panda.urdf"
 
 
 class Problem(NamedTuple):
@@ -212,8 +211,7 @@ def three_links() -> Robot:
 
 def panda() -> Robot:
     """The Panda of example-robot-data with locked fingers: 7 joints and 43 base parameters."""
-    path = Path(str(importlib.metadata.distribution("example-robot-data").locate_file("cmeel.prefix"))) / PANDA
-    spec = kj.to_mujoco(kj.load_report(path, strict=False).model)
+    spec = kj.to_mujoco(kj.load_report(kj.robots.example_file(PANDA), strict=False).model)
     for joint in list(spec.joints):
         if "finger" in joint.name:
             spec.delete(joint)

@@ -5,9 +5,7 @@ semi-implicit method of Euler, or of the midpoint method. Costs are h times the 
 """
 
 import functools
-import importlib.metadata
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -31,7 +29,7 @@ ACROBOT = """<mujoco><option gravity="0 0 -9.8"/><worldbody><body><joint name="s
   <inertial pos="0 0 -.5" mass="1" diaginertia="1 1 1"/>
   <body pos="0 0 -1"><joint name="elbow" axis="0 -1 0"/><inertial pos="0 0 -.5" mass="1" diaginertia="1 1 1"/></body>
   </body></worldbody></mujoco>"""
-UR10 = "share/example-robot-data/robots/ur_description/urdf/ur10_joint_limited_robot.urdf"
+UR10 = "ur_description/urdf/ur10_joint_limited_robot.urdf"
 PANDA_START, PANDA_GOAL = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), (1.2, 0.4, -0.6, -1.4, 0.5, 2.2, -0.5)
 PANDA_SPEEDS, PANDA_TORQUES = np.array([2.175] * 4 + [2.61] * 3), np.array([87.0] * 4 + [12.0] * 3)
 SWING: dict[str, Any] = {"dynamics": "forward", "substeps": 4}
@@ -112,9 +110,8 @@ def arm_problems() -> list[Problem]:
 
 def ur10() -> kj.Model:
     """The UR10 of example-robot-data."""
-    path = Path(str(importlib.metadata.distribution("example-robot-data").locate_file("cmeel.prefix"))) / UR10
     # Without the frames of tools, which are bodies of their own.
-    spec = kj.to_mujoco(load("ur10", path).model)
+    spec = kj.to_mujoco(load("ur10", kj.robots.example_file(UR10)).model)
     spec.compiler.fusestatic = True
     return kj.from_mujoco(spec.compile())
 

@@ -47,8 +47,7 @@ def iiwa14() -> Robot:
 
 def talos() -> Robot:
     """TALOS, a humanoid of 32 joints, fixed at its base as in its URDF."""
-    prefix = importlib.metadata.distribution("example-robot-data").locate_file("cmeel.prefix")
-    return load("talos", Path(str(prefix)) / "share/example-robot-data/robots/talos_data/robots/talos_reduced.urdf")
+    return load("talos", kj.robots.example_file("talos_data/robots/talos_reduced.urdf"))
 
 
 def chain(nbody: int, seed: int = 0) -> Robot:

@@ -6,7 +6,6 @@ and clear of the arm's column. `python -m experiments.identification.excitation`
 """
 
 import argparse
-import importlib.metadata
 import tempfile
 import time
 from pathlib import Path
@@ -59,8 +58,7 @@ class Arm(NamedTuple):
 
 def panda() -> Arm:
     """The Panda from example-robot-data, its fingers fixed; a model has no limits of speed, so they are read from the file."""
-    prefix = importlib.metadata.distribution("example-robot-data").locate_file("cmeel.prefix")
-    root = ElementTree.parse(Path(str(prefix)) / "share/example-robot-data/robots" / URDF).getroot()
+    root = ElementTree.parse(kj.robots.example_file(URDF)).getroot()
     for joint in root.iter("joint"):
         if "finger" in joint.get("name", ""):
             joint.set("type", "fixed")
