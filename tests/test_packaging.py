@@ -20,7 +20,7 @@ DATA = (".css", ".html", ".js", ".toml", ".typed")
 PENDULUM = """<mujoco model="p"><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/>
 <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05" mass="2"/></body></worldbody></mujoco>"""
 PROGRAM = """
-import importlib.metadata, pathlib, sys
+import importlib.metadata, pathlib, sys, types
 import kanejax as kj
 assert "site-packages" in kj.__file__, kj.__file__
 assert (pathlib.Path(kj.__file__).parent / "py.typed").exists()
@@ -30,7 +30,7 @@ model = kj.load("pendulum.xml")
 assert jnp.allclose(kj.inverse_dynamics(model, jnp.zeros(1), jnp.zeros(1), jnp.ones(1)), kj.mass_matrix(model, jnp.zeros(1))[0])
 assert "matplotlib" not in sys.modules
 try:
-    kj.plots.coordinates(model, None)
+    kj.plots.coordinates(model, types.SimpleNamespace(ts=jnp.arange(2.0), q=jnp.zeros((2, 1))))
 except ImportError as error:
     assert "pip install 'kanejax[plots]'" in str(error), error
 else:
