@@ -16,6 +16,12 @@ def batch_mesh(devices: Sequence[Any] | None = None) -> Mesh:
 
     The axis is of type `Auto`: under plain `jax.jit` each device then evaluates its rows of a batch, and gradients with respect to
     what all rows share are added up over the devices.
+
+    Args:
+        devices: such as `jax.local_devices()`.
+
+    Returns:
+        The mesh, for `shard_batch` and `replicate`.
     """
     devices = jax.devices() if devices is None else list(devices)
     return Mesh(np.array(devices), (BATCH,), axis_types=(AxisType.Auto,))
@@ -54,7 +60,15 @@ def shard_batch(batch: Any, mesh: Mesh, *, local: bool = False) -> Any:
 
 
 def replicate(shared: Any, mesh: Mesh) -> Any:
-    """Copy what all rows share, such as a model, to each device of a mesh; every process gives the same."""
+    """Copy what all rows share, such as a model, to each device of a mesh; every process gives the same.
+
+    Args:
+        shared: arrays, or a pytree of them.
+        mesh: from `batch_mesh`, or any other.
+
+    Returns:
+        The same as arrays of JAX that lie on the mesh.
+    """
     sharding = NamedSharding(mesh, PartitionSpec())
 
     def placed(leaf: Any) -> jax.Array:

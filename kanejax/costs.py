@@ -27,32 +27,74 @@ class _Squares(eqx.Module):
 
 
 def torque(weights: ArrayLike = 1.0) -> Cost:
-    """Integral of the squared forces at the joints [(N m)^2 s]; weights, one for all or (nv,)."""
+    """Integral of the squared forces at the joints [(N m)^2 s]; weights, one for all or (nv,).
+
+    Args:
+        weights: one for all, or (nv,), in the order of the speeds.
+
+    Returns:
+        The term; add others to it, or multiply it by a number.
+    """
     return Cost(_Squares(jnp.asarray(weights, float), "tau"), name="torque")
 
 
 def torque_rate(weights: ArrayLike = 1.0) -> Cost:
-    """Integral of the squared change of the forces a unit of time [(N m)^2 / s]."""
+    """Integral of the squared change of the forces a unit of time [(N m)^2 / s].
+
+    Args:
+        weights: one for all, or (nv,), in the order of the speeds.
+
+    Returns:
+        The term; add others to it, or multiply it by a number.
+    """
     return Cost(_Squares(jnp.asarray(weights, float), "tau_rate"), name="torque_rate", needs=("tau_rate",))
 
 
 def speed(weights: ArrayLike = 1.0) -> Cost:
-    """Integral of the squared speeds."""
+    """Integral of the squared speeds.
+
+    Args:
+        weights: one for all, or (nv,), in the order of the speeds.
+
+    Returns:
+        The term; add others to it, or multiply it by a number.
+    """
     return Cost(_Squares(jnp.asarray(weights, float), "u"), name="speed")
 
 
 def acceleration(weights: ArrayLike = 1.0) -> Cost:
-    """Integral of the squared rates of the speeds."""
+    """Integral of the squared rates of the speeds.
+
+    Args:
+        weights: one for all, or (nv,), in the order of the speeds.
+
+    Returns:
+        The term; add others to it, or multiply it by a number.
+    """
     return Cost(_Squares(jnp.asarray(weights, float), "u_dot"), name="acceleration")
 
 
 def jerk(weights: ArrayLike = 1.0) -> Cost:
-    """Integral of the squared change of u_dot a unit of time."""
+    """Integral of the squared change of u_dot a unit of time.
+
+    Args:
+        weights: one for all, or (nv,), in the order of the speeds.
+
+    Returns:
+        The term; add others to it, or multiply it by a number.
+    """
     return Cost(_Squares(jnp.asarray(weights, float), "jerk"), name="jerk", needs=("jerk",))
 
 
 def duration(weight: ArrayLike = 1.0) -> Cost:
-    """The duration [s] of the motion, where it is sought."""
+    """The duration [s] of the motion, where it is sought.
+
+    Args:
+        weight: factor.
+
+    Returns:
+        The term; add others to it, or multiply it by a number.
+    """
     return Cost(_end_time, weight, name="duration", at_end=True)
 
 

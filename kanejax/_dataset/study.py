@@ -138,7 +138,12 @@ class Study:
         self.rows(0, 1)
 
     def rows(self, first: int, count: int) -> Rows:
-        """What belongs to `count` trajectories from the `first` on."""
+        """What belongs to some of the trajectories.
+
+        Args:
+            first: number of the first of them, from 0.
+            count: how many.
+        """
         model = self.model
         if self.q0 is None:
             q0 = coordinates_within_ranges(model, self._numbers("q0", first, count, numbers_for_coordinates(model)))

@@ -22,14 +22,31 @@ from kanejax._types import Coordinates, Speeds
 
 
 class Momentum(NamedTuple):
-    """Linear momentum [kg m/s], and angular momentum [kg m^2/s] about a point, in world axes."""
+    """Linear and angular momentum of the whole mechanism, in world axes.
+
+    Attributes:
+        linear: momentum [kg m/s].
+        angular: angular momentum [kg m^2/s] about the point that `momentum` was asked for.
+    """
 
     linear: Float[Array, "3"]
     angular: Float[Array, "3"]
 
 
 def kinetic_energy(model: AnyModel, q: Coordinates, u: Speeds) -> Float[Array, ""]:
-    """U . F(q) u / 2 [J], rotor inertias included; MuJoCo's second entry of `energy`."""
+    """U . F(q) u / 2 [J], rotor inertias included; MuJoCo's second entry of `energy`.
+
+    Args:
+        model: the mechanism, or what `with_speeds` returns.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+        u: generalized speeds.
+
+    Returns:
+        The energy [J].
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
     check_state(own(model), q=q, u=u)
     if isinstance(model, WithSpeeds):
         return kinetic_energy(model.model, q, own_speeds(model, q, u))
@@ -38,7 +55,18 @@ def kinetic_energy(model: AnyModel, q: Coordinates, u: Speeds) -> Float[Array, "
 
 
 def potential_energy(model: Model | Specialized, q: Coordinates) -> Float[Array, ""]:
-    """Energy [J] of gravity, zero with all mass centres at the world's origin, and of springs; MuJoCo's first of `energy`."""
+    """Energy [J] of gravity, zero with all mass centres at the world's origin, and of springs; MuJoCo's first of `energy`.
+
+    Args:
+        model: the mechanism.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+
+    Returns:
+        The energy [J].
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
     check_state(model, q=q)
     model = whole(model)
     heights = poses(model, q).com @ model.gravity
@@ -58,7 +86,20 @@ def spring_energy(model: Model | Specialized, q: Coordinates) -> Float[Array, ""
 
 
 def momentum(model: AnyModel, q: Coordinates, u: Speeds, point: Float[Array, "3"] | None = None) -> Momentum:
-    """Linear momentum, and angular momentum about `point` (the common mass centre if left out), in world axes."""
+    """Linear momentum, and angular momentum about `point` (the common mass centre if left out), in world axes.
+
+    Args:
+        model: the mechanism, or what `with_speeds` returns.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+        u: generalized speeds.
+        point: in world axes [m]; it does not move.
+
+    Returns:
+        Both momenta.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
     check_state(own(model), q=q, u=u)
     if isinstance(model, WithSpeeds):
         return momentum(model.model, q, own_speeds(model, q, u), point)
@@ -72,7 +113,18 @@ def momentum(model: AnyModel, q: Coordinates, u: Speeds, point: Float[Array, "3"
 
 
 def center_of_mass(model: Model | Specialized, q: Coordinates) -> Float[Array, "3"]:
-    """Mass centre of all bodies [m], in world axes."""
+    """Mass centre of all bodies [m], in world axes.
+
+    Args:
+        model: the mechanism.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+
+    Returns:
+        The point [m]; nan for a mechanism without mass.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
     model = whole(model)
     return model.mass @ poses(model, q).com / model.mass.sum()
 

@@ -88,7 +88,18 @@ def forward_dynamics(model: AnyModel, q: Coordinates, u: Speeds, tau: Forces) ->
 
 
 def mass_matrix(model: AnyModel, q: Coordinates) -> Float[Array, "nv nv"]:
-    """Kane's F, Nie (3.56): the kinetic energy is u . F u / 2. MuJoCo's `M` (full), armature included."""
+    """Kane's F, Nie (3.56): the kinetic energy is u . F u / 2. MuJoCo's `M` (full), armature included.
+
+    Args:
+        model: the mechanism, or what `with_speeds` returns.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+
+    Returns:
+        F, symmetric: [kg], [kg m] or [kg m^2] by what the two speeds are of.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
     check_state(own(model), q=q)
     if isinstance(model, WithSpeeds):
         return chosen_mass_matrix(model, q, mass_matrix(model.model, q))
@@ -96,7 +107,19 @@ def mass_matrix(model: AnyModel, q: Coordinates) -> Float[Array, "nv nv"]:
 
 
 def bias_force(model: AnyModel, q: Coordinates, u: Speeds) -> Forces:
-    """Forces that hold the speeds constant without springs, dampers and friction: MuJoCo's `qfrc_bias`, sign included."""
+    """Forces that hold the speeds constant without springs, dampers and friction: MuJoCo's `qfrc_bias`, sign included.
+
+    Args:
+        model: the mechanism, or what `with_speeds` returns.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+        u: generalized speeds.
+
+    Returns:
+        Force [N] or torque [N m] on each speed.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
     check_state(own(model), q=q, u=u)
     if isinstance(model, WithSpeeds):
         return -generalized_inertia_force(model, q, u, jnp.zeros_like(u)) - gravity_force(model, q)
@@ -104,7 +127,18 @@ def bias_force(model: AnyModel, q: Coordinates, u: Speeds) -> Forces:
 
 
 def gravity_force(model: AnyModel, q: Coordinates) -> Forces:
-    """Generalized active force of gravity, Nie (3.54): minus the bias force at rest."""
+    """Generalized active force of gravity, Nie (3.54): minus the bias force at rest.
+
+    Args:
+        model: the mechanism, or what `with_speeds` returns.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+
+    Returns:
+        Force [N] or torque [N m] on each speed.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
     check_state(own(model), q=q)
     if isinstance(model, WithSpeeds):
         return chosen_forces(model, q, gravity_force(model.model, q))
@@ -112,7 +146,19 @@ def gravity_force(model: AnyModel, q: Coordinates) -> Forces:
 
 
 def passive_force(model: AnyModel, q: Coordinates, u: Speeds) -> Forces:
-    """Generalized active force of springs, dampers and smoothed friction: MuJoCo's `qfrc_passive`, and the friction."""
+    """Generalized active force of springs, dampers and smoothed friction: MuJoCo's `qfrc_passive`, and the friction.
+
+    Args:
+        model: the mechanism, or what `with_speeds` returns.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+        u: generalized speeds.
+
+    Returns:
+        Force [N] or torque [N m] on each speed.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
     check_state(own(model), q=q, u=u)
     if isinstance(model, WithSpeeds):
         return chosen_forces(model, q, passive_force(model.model, q, own_speeds(model, q, u)))
@@ -120,7 +166,20 @@ def passive_force(model: AnyModel, q: Coordinates, u: Speeds) -> Forces:
 
 
 def generalized_inertia_force(model: AnyModel, q: Coordinates, u: Speeds, u_dot: Speeds) -> Forces:
-    """Kane's F*_r, Nie (3.46), rotor inertias included: -(F(q) u_dot + bias(q, u)) with gravity left out."""
+    """Kane's F*_r, Nie (3.46), rotor inertias included: -(F(q) u_dot + bias(q, u)) with gravity left out.
+
+    Args:
+        model: the mechanism, or what `with_speeds` returns.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+        u: generalized speeds.
+        u_dot: their rates.
+
+    Returns:
+        Force [N] or torque [N m] on each speed.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
     check_state(own(model), q=q, u=u, u_dot=u_dot)
     if isinstance(model, WithSpeeds):
         return chosen_forces(model, q, generalized_inertia_force(model.model, q, *own_motion(model, q, u, u_dot)))
@@ -128,7 +187,21 @@ def generalized_inertia_force(model: AnyModel, q: Coordinates, u: Speeds, u_dot:
 
 
 def generalized_active_force(model: AnyModel, q: Coordinates, u: Speeds, tau: Forces) -> Forces:
-    """Kane's F_r, Nie (3.50): gravity, springs, dampers, friction, and the forces at the joints."""
+    """Kane's F_r, Nie (3.50): gravity, springs, dampers, friction, and the forces at the joints.
+
+    Args:
+        model: the mechanism, or what `with_speeds` returns.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+        u: generalized speeds.
+        tau: force [N] or torque [N m] on each of the model's own speeds, also in chosen ones.
+
+    Returns:
+        Force [N] or torque [N m] on each speed; with `generalized_inertia_force` it sums to zero along a motion.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
+    check_state(own(model), q=q, u=u, tau=tau)
     applied = chosen_forces(model, q, tau) if isinstance(model, WithSpeeds) else tau
     return applied + gravity_force(model, q) + passive_force(model, q, u)
 

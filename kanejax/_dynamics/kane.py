@@ -50,6 +50,14 @@ def kane_equations(model: AnyModel, q: Coordinates, u: Speeds) -> KaneEquations:
     Equal to what `mass_matrix`, `bias_force` and `gravity_force` accumulate tip to base:
     `bias_force` is `inertia_remainder` less `gravity_force`.
 
+    Args:
+        model: the mechanism, or what `with_speeds` returns.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+        u: generalized speeds.
+
+    Returns:
+        The terms, and the partial velocities of which they are made.
+
     Raises:
         ValueError: a shape or data type does not fit the model.
     """

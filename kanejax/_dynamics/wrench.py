@@ -15,7 +15,12 @@ from kanejax._types import Coordinates, Forces, Speeds
 
 
 class Wrenches(NamedTuple):
-    """Forces [N] and moments [N m] in world axes."""
+    """Forces and moments in world axes, one pair for each joint.
+
+    Attributes:
+        force: [N].
+        moment: [N m] about the joint's anchor.
+    """
 
     force: Float[Array, "n 3"]
     moment: Float[Array, "n 3"]
@@ -39,6 +44,9 @@ def external_force(
         moment: on each body, in world axes [N m].
         points: where each force acts, in world axes [m]; the mass centres if left out, as in MuJoCo's `xfrc_applied`.
 
+    Returns:
+        Force [N] or torque [N m] on each speed.
+
     Raises:
         ValueError: a shape or data type does not fit the model.
     """
@@ -57,6 +65,15 @@ def joint_reactions(model: Model | Specialized, q: Coordinates, u: Speeds, u_dot
     All of it: the part along the joint's axes, which `inverse_dynamics` returns (rotor inertias, springs, dampers and
     friction aside), and the part across, which does no work and which Kane's method leaves out. Newton's and Euler's laws for
     all bodies that the joint carries, with no external wrench.
+
+    Args:
+        model: the mechanism.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+        u: generalized speeds.
+        u_dot: their rates.
+
+    Returns:
+        The wrench on each link by what its joint hangs on.
 
     Raises:
         ValueError: a shape or data type does not fit the model.

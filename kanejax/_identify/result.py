@@ -15,9 +15,21 @@ Determined = Literal["alone", "in combination", "not at all", "not by these data
 
 
 class Estimate(NamedTuple):
-    """One parameter: nominal and found value, standard deviation, and the ends of its 95 % interval.
+    """One parameter: nominal and found value, and how sure it is.
 
-    The last three are nan unless the data determine it alone: what they determine of the others is a base parameter.
+    Where the data do not determine it alone, what they determine of it is a base parameter, and its standard deviation and interval
+    are nan.
+
+    Attributes:
+        name: of the body, joint or motor, and of the parameter.
+        unit: of the numbers.
+        nominal: value as loaded.
+        value: found.
+        std: standard deviation.
+        lower: lower end of the 95 % interval.
+        upper: upper end of it.
+        determined: whether motion determines it "alone", "in combination" with others, or "not at all"; "not by these data" where
+            motion could, but this one does not.
     """
 
     name: str
@@ -57,7 +69,16 @@ class Stage(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """Measured signals of one run beside those that the identified and the nominal plant predict; weight 0 does not count."""
+    """Measured signals of one run beside those that the identified and the nominal plant predict.
+
+    Attributes:
+        name: of the run.
+        ts: times [s].
+        measured: signals, in the unit of the motors' signals.
+        predicted: by the identified plant.
+        nominal: by the plant as it was loaded.
+        weight: of each sample in the fit; 0 does not count.
+    """
 
     name: str
     ts: Float[np.ndarray, " n"]
@@ -126,7 +147,15 @@ class Identification:
 
 
 def relative_error(comparison: Comparison, predicted: Float[np.ndarray, "n nv"] | None = None) -> Float[np.ndarray, " nv"]:
-    """Norm of the residuals over the norm of the measured signal, for each signal; nan for signals that do not count."""
+    """Norm of the residuals over the norm of the measured signal, for each signal; nan for signals that do not count.
+
+    Args:
+        comparison: of one run.
+        predicted: signals to compare instead of those of the identified plant.
+
+    Returns:
+        One number a signal.
+    """
     predicted = comparison.predicted if predicted is None else predicted
     counts = comparison.weight > 0
     left = np.linalg.norm(np.where(counts, comparison.measured - predicted, 0.0), axis=0)

@@ -25,6 +25,12 @@ def to_mujoco(model: Model) -> mujoco.MjSpec:
     Coulomb friction becomes friction loss, which MuJoCo treats as a constraint; friction_width has no counterpart and is
     dropped.
 
+    Args:
+        model: without batch axes, and outside of `jax.jit`.
+
+    Returns:
+        The spec.
+
     Raises:
         InvalidInertiaError: MuJoCo refuses the inertia of a moving body.
         UnsupportedModelError: a number that MJCF cannot express, see `to_mjcf`.

@@ -99,9 +99,19 @@ def load_report(
     repair: bool = False,
     allow_unphysical: bool = False,
 ) -> LoadReport:
-    """Load like `load`, and return what was left out or changed instead of warning of it.
+    """Load like `load`, and return what was left out or changed instead of warning of it; `print` shows it as a list.
 
-    Takes the arguments of `load` and raises its exceptions. `print` shows the report as a list.
+    Args:
+        source: a path, XML text, or an MjSpec, which is not changed.
+        strict: refuse features that enter the dynamics and are not modelled; otherwise list them.
+        repair: change numbers that no mechanism can have by the least that helps, and list them.
+        allow_unphysical: keep inertias that no rigid body can have, and list them.
+
+    Returns:
+        The model, and what was left out or changed.
+
+    Raises:
+        KanejaxError: one of those that `load` raises.
     """
     compiled = compile_source(source, strict=strict, repair=repair, allow_unphysical=allow_unphysical)
     model = model_from_compiled(compiled.mj_model)

@@ -36,6 +36,14 @@ def speeds_from_rates(model: WithSpeeds, q: Coordinates, rates: Speeds) -> Speed
 def rates_from_speeds(model: WithSpeeds, q: Coordinates, u: Speeds) -> Speeds:
     """The model's own speeds from the chosen ones, as Nie (2.19) from (2.18); the inverse of `speeds_from_rates`.
 
+    Args:
+        model: what `with_speeds` returns.
+        q: generalized coordinates.
+        u: the chosen speeds.
+
+    Returns:
+        The model's own speeds.
+
     Raises:
         ValueError: as `speeds_from_rates` does.
     """
@@ -49,6 +57,16 @@ def speed_conditioning(model: WithSpeeds, q: Coordinates) -> Float[Array, ""]:
 
     1 or -1 at best. It is zero where the chosen speeds are singular, as those of Nie (2.18) are at q2 = 0 and pi, and it changes
     sign where a motion crosses such a place. What is computed from the speeds loses as many digits as this has zeros.
+
+    Args:
+        model: what `with_speeds` returns.
+        q: generalized coordinates.
+
+    Returns:
+        A number from -1 to 1.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
     """
     check_state(model.model, q=q)
     return _conditioning(model, q)

@@ -11,9 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from kanejax._evaluate import check_state
 from kanejax._kinematics.change_of_speeds import chosen_partial_rates, chosen_partials, own_speeds
 from kanejax._kinematics.pose import Poses, poses
-from kanejax._model.generalized_speeds import AnyModel, WithSpeeds
+from kanejax._model.generalized_speeds import AnyModel, WithSpeeds, own
 from kanejax._model.tree import Tree
 from kanejax._types import Coordinates, Speeds
 
@@ -26,7 +27,12 @@ class Axes(NamedTuple):
 
 
 class PartialVelocities(NamedTuple):
-    """Partial angular velocities, and partial velocities of the mass centres (or of given points), of all bodies."""
+    """Partial angular velocities, and partial velocities of the mass centres (or of given points), of all bodies.
+
+    Attributes:
+        angular: what multiplies each speed in a body's angular velocity.
+        linear: what multiplies it in the velocity of the point.
+    """
 
     angular: Float[Array, "nbody nv 3"]
     linear: Float[Array, "nbody nv 3"]
@@ -36,6 +42,16 @@ def partial_velocities(model: AnyModel, q: Coordinates) -> PartialVelocities:
     """Partial angular velocities and partial velocities of the mass centres, in world axes.
 
     `angular[k, r]` is Kane's w_r of body k [rad/s a unit of speed r], `linear[k, r]` his v_r of its mass centre.
+
+    Args:
+        model: the mechanism, or what `with_speeds` returns.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+
+    Returns:
+        Both, in world axes.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
     """
     if isinstance(model, WithSpeeds):
         return PartialVelocities(*chosen_partials(model, q, *partial_velocities(model.model, q)))
@@ -53,7 +69,20 @@ def partial_velocities_of_points(tree: Tree, at: Poses, points: Float[Array, "nb
 
 
 def partial_velocity_rates(model: AnyModel, q: Coordinates, u: Speeds) -> PartialVelocities:
-    """Time derivatives, in the world frame, of `partial_velocities` along the motion, Nie (3.13) and (3.31)-(3.34)."""
+    """Time derivatives, in the world frame, of `partial_velocities` along the motion, Nie (3.13) and (3.31)-(3.34).
+
+    Args:
+        model: the mechanism, or what `with_speeds` returns.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+        u: generalized speeds.
+
+    Returns:
+        The rates of both, in world axes.
+
+    Raises:
+        ValueError: a shape or data type does not fit the model.
+    """
+    check_state(own(model), q=q, u=u)
     if isinstance(model, WithSpeeds):
         rates = partial_velocity_rates(model.model, q, own_speeds(model, q, u))
         pairs = zip(partial_velocities(model.model, q), rates, strict=True)

@@ -39,6 +39,13 @@ class Poses(NamedTuple):
 def poses(model: Model | Specialized, q: Coordinates) -> Poses:
     """Orientations and positions of all bodies: MuJoCo's `xmat`, `xpos` and `xipos`, the world left out.
 
+    Args:
+        model: the mechanism.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+
+    Returns:
+        Rotations, and points [m].
+
     Raises:
         ValueError: a shape or data type does not fit the model.
     """

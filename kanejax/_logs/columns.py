@@ -69,6 +69,10 @@ class Units:
     def factors(self, quantity: str, njoint: int) -> np.ndarray:
         """Factors to SI units: (njoint,), or () for "time".
 
+        Args:
+            quantity: an attribute's name.
+            njoint: number of joints.
+
         Raises:
             LogError: a unit is unknown, a factor is zero or not finite, or there are not as many as joints.
         """

@@ -20,7 +20,12 @@ _LEAST_CORRELATION = 0.3
 
 
 class Delay(NamedTuple):
-    """Times [s] by which efforts lag: one for all channels, and that of each channel alone, NaN where it tells none."""
+    """Times by which efforts lag the motion.
+
+    Attributes:
+        common: one time [s] for all channels.
+        channels: the time [s] of each channel alone, NaN where it tells none.
+    """
 
     common: float
     channels: Float[np.ndarray, " nv"]

@@ -16,7 +16,12 @@ from kanejax._types import Coordinates, Speeds
 
 
 class SpeedTerms(NamedTuple):
-    """Y and Z of u = Y rates + Z, where the rates are the model's own speeds; or their time derivatives."""
+    """Y and Z of u = Y rates + Z, where the rates are the model's own speeds; or their time derivatives.
+
+    Attributes:
+        matrix: Y.
+        drift: Z.
+    """
 
     matrix: Float[Array, "nv nv"]
     drift: Speeds
@@ -27,7 +32,16 @@ class AbstractSpeeds(eqx.Module):
 
     @abc.abstractmethod
     def terms(self, model: Model | Specialized, q: Coordinates, t: Float[Array, ""]) -> SpeedTerms:
-        """Y and Z at coordinates q, whose quaternions are of unit length, and time t [s]."""
+        """Y and Z at a configuration and a time.
+
+        Args:
+            model: the mechanism in its own speeds.
+            q: coordinates, whose quaternions are of unit length.
+            t: the time [s].
+
+        Returns:
+            Y and Z in the data type of q.
+        """
 
 
 @final

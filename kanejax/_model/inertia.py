@@ -18,7 +18,12 @@ def inertia_parameters(model: Model) -> Float[Array, "nbody 10"]:
     """The inertia parameters of each body: m, mcx, mcy, mcz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
 
     In the body's axes and about the origin of its frame, not about the mass centre: so generalized forces are linear in them.
-    [kg], [kg m], [kg m^2].
+
+    Args:
+        model: the mechanism.
+
+    Returns:
+        [kg], [kg m], [kg m^2].
     """
     mass, com = model.mass, model.com
     central = 0.5 * (model.central_inertia + jnp.swapaxes(model.central_inertia, -1, -2))
@@ -30,6 +35,13 @@ def with_inertia_parameters(model: Model, parameters: Float[Array, "nbody 10"]) 
 
     A body without mass keeps its mass centre, and has no first moment whatever `parameters` say. Nothing is checked, see
     `check_model`.
+
+    Args:
+        model: the mechanism.
+        parameters: in the order of `inertia_parameters`.
+
+    Returns:
+        The changed model.
     """
     mass, first = parameters[:, 0], parameters[:, 1:4]
     massless = mass == 0

@@ -45,7 +45,14 @@ class Guess(eqx.Module):
 
 
 def straight_guess(task: MotionTask) -> Guess:
-    """Straight from the start to the goal: states between theirs, no accelerations, no forces."""
+    """Straight from the start to the goal: states between theirs, no accelerations, no forces.
+
+    Args:
+        task: whose start and goal it joins.
+
+    Returns:
+        The guess, for `optimize`.
+    """
     model, steps = task.model, task.steps
     known = [each for each in (task.start.q, task.goal.q) if each is not None] or [model.coordinate_reference]
     start, goal = known[0], known[-1]

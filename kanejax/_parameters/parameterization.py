@@ -89,7 +89,12 @@ class Parameterization(eqx.Module):
         return jnp.concatenate(least), jnp.concatenate(greatest)
 
     def moved(self, theta: Float[Array, " m"], step: Float[Array, " m"]) -> Float[Array, " m"]:
-        """The coordinates after a step within the limits; single numbers change as their derivatives say."""
+        """The coordinates after a step within the limits; single numbers change as their derivatives say.
+
+        Args:
+            theta: coordinates before it.
+            step: their change, no longer than `step_limits`.
+        """
         parts = zip(self.blocks, self._split(theta, 0), self._split(step, 0), strict=True)
         return jnp.concatenate([each.coordinates.moved(*rest) for each, *rest in parts])
 

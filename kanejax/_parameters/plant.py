@@ -123,7 +123,18 @@ def drive_force(
 def signal(
     plant: Plant, q: Coordinates, u: Speeds, u_dot: Speeds, parameters: Float[Array, "nbody 10"] | None = None
 ) -> Float[Array, " nv"]:
-    """Signal of each motor during the given motion, in its own unit: `drive_force` over the gain. The delay is left out."""
+    """Signal of each motor during the given motion, in its own unit: `drive_force` over the gain. The delay is left out.
+
+    Args:
+        plant: the model and its drives.
+        q: generalized coordinates, MuJoCo's qpos; quaternions need not be of unit length.
+        u: generalized speeds.
+        u_dot: their rates.
+        parameters: `inertia_parameters` to put in place of the model's.
+
+    Returns:
+        One number a speed, in the unit of the motors' signals.
+    """
     return drive_force(plant, q, u, u_dot, parameters) / plant.drives.gain
 
 

@@ -105,7 +105,16 @@ def linear_estimate(
 
 
 def identifiable(parameterization: Parameterization, phi: jax.Array | None = None, *, seed: int = 0) -> BaseParameters:
-    """Group what is sought into what motion can tell apart, at random states: by the regressor of the signals at `phi`."""
+    """Group what is sought into what motion can tell apart, at random states: by the regressor of the signals at `phi`.
+
+    Args:
+        parameterization: what is sought.
+        phi: the physical parameters at which to look; those of the nominal plant if left out.
+        seed: of the states.
+
+    Returns:
+        The groups: base parameters of what is sought.
+    """
     names = parameterization.names
     with jax.enable_x64(True):
         wide = jax.tree.map(lambda x: x.astype(jnp.float64) if hasattr(x, "astype") else x, parameterization)

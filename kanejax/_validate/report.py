@@ -92,7 +92,12 @@ class ValidationReport:
         return all(row.passed for row in self.rows)
 
     def worst(self, dtype: str, quantity: Quantity) -> float:
-        """The greatest error of a quantity among all peers; NaN where it was not compared."""
+        """The greatest error of a quantity among all peers; NaN where it was not compared.
+
+        Args:
+            dtype: "float64" or "float32".
+            quantity: of the rows' `quantity`.
+        """
         return max((row.error for row in self.rows if (row.dtype, row.quantity) == (dtype, quantity)), default=math.nan)
 
     def table(self) -> Table:
