@@ -16,6 +16,7 @@ lint: $(VENV)/.lint $(VENV)/.test  ## style, docstrings and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pyright --verifytypes kanejax --ignoreexternal
 
 # With --quiet, --strict would see no warnings.
 docs: $(VENV)/.docs  ## the pages of docs/ and the API, with all links checked; goes to results/site

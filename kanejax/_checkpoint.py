@@ -99,7 +99,8 @@ class _File:
     """The states of all parts, those read and those of now, and when they were written last."""
 
     def __init__(self, path: Path, mark: str, interval: float) -> None:
-        self.path, self._mark, self._interval = path, mark, interval
+        self.path: Path = path
+        self._mark, self._interval = mark, interval
         _check_writable(path)
         remove_leftovers(path)
         self._read = _arrays_in(path, mark) if path.exists() else {}

@@ -4,6 +4,7 @@ import os
 import pathlib
 import warnings
 from collections.abc import Iterable
+from typing import Any
 
 _PACKAGE_FOLDER = str(pathlib.Path(__file__).parent) + os.sep
 
@@ -42,14 +43,14 @@ class UnknownNameError(KanejaxError, KeyError):
     def __init__(self, kind: str, name: str, valid_names: Iterable[str]) -> None:
         """Say that no `kind` (such as "body") is called `name`, and list the `valid_names`."""
         listed = ", ".join(repr(valid) for valid in valid_names) or "none"
-        self.message = f"no {kind} is named {name!r}; the names are: {listed}"
+        self.message: str = f"no {kind} is named {name!r}; the names are: {listed}"
         super().__init__(self.message)
 
     def __str__(self) -> str:
         """Return the message as it is: KeyError would show its repr."""
         return self.message
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by message: the constructor's arguments are not the exception's."""
         return _rebuild_unknown_name, (self.message,)
 

@@ -88,7 +88,7 @@ def written(value: Any) -> str:
     return f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else repr(value)
 
 
-def file_text(path: str | os.PathLike) -> str:
+def file_text(path: str | os.PathLike[str]) -> str:
     """The text of a file.
 
     Raises:

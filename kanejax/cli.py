@@ -38,7 +38,7 @@ from kanejax._cli.usage import Commands, print_version
 from kanejax._cli.view import view
 from kanejax._errors import KanejaxError
 
-app = typer.Typer(
+app: typer.Typer = typer.Typer(
     cls=Commands,
     epilog=EXIT_CODES,
     no_args_is_help=True,
@@ -152,8 +152,8 @@ def validate(
         raise typer.Exit(BAD_INPUT if refused else FAILED)
 
 
-for command in (simulate, view, render, identify, optimize):
-    app.command(epilog=EXIT_CODES)(command)
+for _command in (simulate, view, render, identify, optimize):
+    app.command(epilog=EXIT_CODES)(_command)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,13 @@
 """The methods of integration that files and commands know by name."""
 
 from collections.abc import Callable
+from typing import Any
 
 import diffrax
 
 from kanejax._simulate.beta_scheme import BetaScheme
 
-SOLVERS: dict[str, Callable[[], diffrax.AbstractSolver]] = {
+SOLVERS: dict[str, Callable[[], diffrax.AbstractSolver[Any]]] = {
     "euler": diffrax.Euler,
     "heun": diffrax.Heun,
     "midpoint": diffrax.Midpoint,

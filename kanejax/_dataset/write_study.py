@@ -27,7 +27,7 @@ class StudyInterrupted(KeyboardInterrupt):
 
 def write_study(
     study: Study,
-    path: str | os.PathLike,
+    path: str | os.PathLike[str],
     *,
     chunk: int = 1024,
     resume: bool = False,
@@ -100,7 +100,7 @@ def needed_bytes(study: Study) -> int:
     return sum(int(np.prod(array.shape)) * np.dtype(array.dtype).itemsize for array in layout_of(study).values())
 
 
-def free_bytes(path: str | os.PathLike) -> int:
+def free_bytes(path: str | os.PathLike[str]) -> int:
     """Room [bytes] on the disk where a store will be, or is."""
     return shutil.disk_usage(Path(path).absolute().parent).free
 

@@ -147,7 +147,7 @@ def motion_table(
 
 def write_csv(
     motion: FourierMotion,
-    path: str | os.PathLike,
+    path: str | os.PathLike[str],
     *,
     rate: float,
     periods: int = 1,

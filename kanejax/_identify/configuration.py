@@ -47,7 +47,7 @@ class Configuration:
     output: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
 
-def read_configuration(path: str | os.PathLike) -> Configuration:
+def read_configuration(path: str | os.PathLike[str]) -> Configuration:
     """Read a configuration from a TOML file.
 
     Raises:

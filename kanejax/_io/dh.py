@@ -15,7 +15,7 @@ from kanejax._model.tree import Tree
 
 Convention = Literal["standard", "modified", "nie"]
 # Numbers in nested sequences or arrays.
-Numbers = Sequence | np.ndarray | jax.Array
+Numbers = Sequence[Any] | np.ndarray | jax.Array
 _CONVENTIONS = ("standard", "modified", "nie")
 _JOINT_TYPES = ("revolute", "prismatic")
 # Columns that every row has, with their units.

@@ -51,7 +51,7 @@ class LoadReport:
 
 
 def load(
-    source: str | os.PathLike | mujoco.MjSpec,
+    source: str | os.PathLike[str] | mujoco.MjSpec,
     *,
     strict: bool = True,
     repair: bool = False,
@@ -93,7 +93,7 @@ def load(
 
 
 def load_report(
-    source: str | os.PathLike | mujoco.MjSpec,
+    source: str | os.PathLike[str] | mujoco.MjSpec,
     *,
     strict: bool = True,
     repair: bool = False,

@@ -53,7 +53,7 @@ class _Opened:
 
 
 def compile_source(
-    source: str | os.PathLike | mujoco.MjSpec,
+    source: str | os.PathLike[str] | mujoco.MjSpec,
     *,
     strict: bool = True,
     repair: bool = False,
@@ -87,7 +87,7 @@ def compile_source(
     return CompiledSource(mj_model, result.inertials, ignored, repaired, refused, opened.origin)
 
 
-def _opened(source: str | os.PathLike | mujoco.MjSpec, repair: bool) -> _Opened:
+def _opened(source: str | os.PathLike[str] | mujoco.MjSpec, repair: bool) -> _Opened:
     if not isinstance(source, str | os.PathLike):
         if not isinstance(source, mujoco.MjSpec):
             raise TypeError(

@@ -22,7 +22,7 @@ class _Link(NamedTuple):
     inertials: list[tuple[int, int]]
 
 
-def to_urdf_inertials(model: Model, urdf: str | os.PathLike) -> str:
+def to_urdf_inertials(model: Model, urdf: str | os.PathLike[str]) -> str:
     """Return the text of a URDF with the <inertial> of each link replaced by the model's mass, mass centre and inertia.
 
     A body's frame in a model that was loaded from a URDF is the frame of its link, so the numbers are written as they are,
@@ -58,7 +58,7 @@ def to_urdf_inertials(model: Model, urdf: str | os.PathLike) -> str:
     return data.decode()
 
 
-def _text_and_origin(urdf: str | os.PathLike) -> tuple[str, str]:
+def _text_and_origin(urdf: str | os.PathLike[str]) -> tuple[str, str]:
     if isinstance(urdf, str) and urdf.lstrip().startswith("<"):
         # A declared encoding is that of the file, not of the string.
         return re.sub(r"^\s+(?=<\?xml)", "", urdf), "XML string"

@@ -13,7 +13,7 @@ from kanejax._errors import ModelFileError
 _DEEPEST = 500
 
 
-def file_content(path: str | os.PathLike) -> bytes:
+def file_content(path: str | os.PathLike[str]) -> bytes:
     """Read a file; raises ModelFileError if there is none."""
     try:
         return Path(path).read_bytes()

@@ -27,7 +27,7 @@ _FIELDS = {"position": "q", "velocity": "u", "acceleration": "u_dot", "effort": 
 
 
 def read_log(
-    path: str | os.PathLike | Sequence[str | os.PathLike],
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     joints: Sequence[str] | Mapping[str, str],
     *,
     columns: Columns | None = None,

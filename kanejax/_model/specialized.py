@@ -29,7 +29,8 @@ class Constants:
     """A model and its prepared parameters, None in place of those that are not frozen. Equal only to itself."""
 
     def __init__(self, model: Model, prepared: Prepared) -> None:
-        self.model, self.prepared = model, prepared
+        self.model: Model = model
+        self.prepared: Prepared = prepared
 
     def join(self, kept: Prepared, like: jax.Array) -> Prepared:
         """All parameters, for states of the data type and batch of `like`.

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal, final
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
 
 import jax
 import jax.numpy as jnp
@@ -47,13 +47,17 @@ class BodyView:
     model: "_model.Model"
     index: int
 
-    position = _Number("body_position", "Position [m] of the body's frame in its parent's while no joint is displaced, (3,).")
-    quaternion = _Number(
+    position: ClassVar[_Number] = _Number(
+        "body_position", "Position [m] of the body's frame in its parent's while no joint is displaced, (3,)."
+    )
+    quaternion: ClassVar[_Number] = _Number(
         "body_quaternion", "Orientation (w, x, y, z) of the body's frame in its parent's while no joint is displaced, (4,)."
     )
-    mass = _Number("mass", "Mass [kg], ().")
-    com = _Number("com", "Mass centre [m] in the body's frame, (3,).")
-    central_inertia = _Number("central_inertia", "Inertia [kg m^2] about the mass centre in the body's axes, (3, 3).")
+    mass: ClassVar[_Number] = _Number("mass", "Mass [kg], ().")
+    com: ClassVar[_Number] = _Number("com", "Mass centre [m] in the body's frame, (3,).")
+    central_inertia: ClassVar[_Number] = _Number(
+        "central_inertia", "Inertia [kg m^2] about the mass centre in the body's axes, (3, 3)."
+    )
 
     @property
     def name(self) -> str:
@@ -109,16 +113,22 @@ class JointView:
     model: "_model.Model"
     index: int
 
-    axis = _Number("joint_axis", "Direction in the body's frame, of any length, (3,); unused by ball and free joints.")
-    anchor = _Number("joint_anchor", "A point [m] of the joint in the body's frame, (3,); unused by free joints.")
-    stiffness = _Number("stiffness", "Of the spring, force [N] or torque [N m] a unit of displacement, ().")
-    range = _Number("joint_range", "Least and greatest coordinate, (2,), infinite where there is none.")
-    armature = _Number("armature", "Inertia of the rotor, reflected to the speed [kg m^2 or kg].", "speeds")
-    damping = _Number("damping", "Force [N] or torque [N m] a unit of speed.", "speeds")
-    coulomb_friction = _Number("coulomb_friction", "Greatest friction force [N] or torque [N m].", "speeds")
-    friction_width = _Number("friction_width", "Speed [rad/s or m/s] over which friction builds up.", "speeds")
-    spring_reference = _Number("spring_reference", "Coordinates [rad or m] at which the spring is relaxed.", "coordinates")
-    coordinate_reference = _Number(
+    axis: ClassVar[_Number] = _Number(
+        "joint_axis", "Direction in the body's frame, of any length, (3,); unused by ball and free joints."
+    )
+    anchor: ClassVar[_Number] = _Number(
+        "joint_anchor", "A point [m] of the joint in the body's frame, (3,); unused by free joints."
+    )
+    stiffness: ClassVar[_Number] = _Number("stiffness", "Of the spring, force [N] or torque [N m] a unit of displacement, ().")
+    range: ClassVar[_Number] = _Number("joint_range", "Least and greatest coordinate, (2,), infinite where there is none.")
+    armature: ClassVar[_Number] = _Number("armature", "Inertia of the rotor, reflected to the speed [kg m^2 or kg].", "speeds")
+    damping: ClassVar[_Number] = _Number("damping", "Force [N] or torque [N m] a unit of speed.", "speeds")
+    coulomb_friction: ClassVar[_Number] = _Number("coulomb_friction", "Greatest friction force [N] or torque [N m].", "speeds")
+    friction_width: ClassVar[_Number] = _Number("friction_width", "Speed [rad/s or m/s] over which friction builds up.", "speeds")
+    spring_reference: ClassVar[_Number] = _Number(
+        "spring_reference", "Coordinates [rad or m] at which the spring is relaxed.", "coordinates"
+    )
+    coordinate_reference: ClassVar[_Number] = _Number(
         "coordinate_reference", "Coordinates [rad or m] where the body's position and quaternion hold.", "coordinates"
     )
 

@@ -11,7 +11,7 @@ import optimistix as optx
 
 
 @final
-class BetaScheme(diffrax.AbstractImplicitSolver):
+class BetaScheme(diffrax.AbstractImplicitSolver[Any]):
     """y1 = y0 + h f(t0 + beta h, (1 - beta) y0 + beta y1), which AUTOQ calls explicit at beta = 0, implicit at 1,
     "Crank-Nelson" between.
 
@@ -33,10 +33,10 @@ class BetaScheme(diffrax.AbstractImplicitSolver):
 
     beta: float = eqx.field(static=True, default=0.5)
     three_point: bool = eqx.field(static=True, default=False)
-    root_finder: optx.AbstractRootFinder = diffrax.with_stepsize_controller_tols(optx.Chord)()
+    root_finder: optx.AbstractRootFinder[Any, Any, Any, Any] = diffrax.with_stepsize_controller_tols(optx.Chord)()
     root_find_max_steps: int = 20
 
-    term_structure: ClassVar = diffrax.AbstractTerm
+    term_structure: ClassVar[Any] = diffrax.AbstractTerm
     interpolation_cls: ClassVar[Callable[..., diffrax.LocalLinearInterpolation]] = diffrax.LocalLinearInterpolation
 
     def __check_init__(self) -> None:
@@ -52,7 +52,7 @@ class BetaScheme(diffrax.AbstractImplicitSolver):
         """Whether a step was made, and its change of y, which is also the guess for the next."""
         return jnp.asarray(False), jax.tree.map(jnp.zeros_like, y0)
 
-    def step(self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any, solver_state: Any, made_jump: Any) -> tuple:
+    def step(self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any, solver_state: Any, made_jump: Any) -> tuple[Any, ...]:
         """One step; the unknown is the change of y."""
         moved, before = solver_state
         control = terms.contr(t0, t1)

@@ -34,11 +34,11 @@ def simulate(
     ts: Any,
     *,
     control: Any = None,
-    solver: diffrax.AbstractSolver | None = None,
+    solver: diffrax.AbstractSolver[Any] | None = None,
     dt0: Any = None,
     rtol: Any = None,
     atol: Any = None,
-    stepsize_controller: diffrax.AbstractStepSizeController | None = None,
+    stepsize_controller: diffrax.AbstractStepSizeController[Any, Any] | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
     events: Any = None,
     joint_limits: bool = False,
@@ -184,7 +184,7 @@ def _substeps(ts: Any, dt0: Any) -> int | None:
     return max(1, int(np.ceil(longest / float(dt0) * (1 - 1e-6))))
 
 
-def _controller(control: Controlled, dt0: Any, rtol: Any, atol: Any, ts: Any) -> diffrax.AbstractStepSizeController:
+def _controller(control: Controlled, dt0: Any, rtol: Any, atol: Any, ts: Any) -> diffrax.AbstractStepSizeController[Any, Any]:
     if dt0 is not None:
         return diffrax.ConstantStepSize()
     if isinstance(control.function, TorqueTable) and control.function.interpolation == "hold":
@@ -196,8 +196,8 @@ def _controller(control: Controlled, dt0: Any, rtol: Any, atol: Any, ts: Any) ->
 
 
 def _prepared_solver(
-    solver: diffrax.AbstractSolver, controller: diffrax.AbstractStepSizeController, rtol: Any, atol: Any
-) -> diffrax.AbstractSolver:
+    solver: diffrax.AbstractSolver[Any], controller: diffrax.AbstractStepSizeController[Any, Any], rtol: Any, atol: Any
+) -> diffrax.AbstractSolver[Any]:
     """Loop over the stages so that forward and reverse mode both work, and give an implicit solver the tolerances it lacks."""
     if isinstance(solver, diffrax.AbstractERK):
         return ExplicitRungeKutta(solver)

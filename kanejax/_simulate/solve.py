@@ -35,8 +35,8 @@ class Solution(NamedTuple):
 class Settings(eqx.Module):
     """How diffrax integrates."""
 
-    solver: diffrax.AbstractSolver
-    controller: diffrax.AbstractStepSizeController
+    solver: diffrax.AbstractSolver[Any]
+    controller: diffrax.AbstractStepSizeController[Any, Any]
     adjoint: diffrax.AbstractAdjoint
     conditions: tuple[Falling, ...]
     dt0: Any
@@ -44,7 +44,7 @@ class Settings(eqx.Module):
     dense: bool = eqx.field(static=True)
 
 
-def solve_fixed(solver: diffrax.AbstractSolver, system: System, y0: jax.Array, ts: jax.Array, substeps: int) -> Solution:
+def solve_fixed(solver: diffrax.AbstractSolver[Any], system: System, y0: jax.Array, ts: jax.Array, substeps: int) -> Solution:
     """Take `substeps` equal steps between one saved time and the next.
 
     Next to diffrax's loop: nothing is interpolated, forward and reverse mode both work, and reverse mode evaluates no step again,

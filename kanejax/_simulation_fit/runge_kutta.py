@@ -9,7 +9,7 @@ from jax import lax
 
 
 @final
-class RungeKutta4(diffrax.AbstractSolver):
+class RungeKutta4(diffrax.AbstractSolver[Any]):
     """The classical method of order four; for equal steps."""
 
     term_structure: ClassVar = diffrax.AbstractTerm

@@ -9,7 +9,7 @@ log.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
 import diffrax
 import equinox as eqx
@@ -93,7 +93,7 @@ class Shooting(eqx.Module):
     inside: Bool[Array, "pieces length"]
     given: Bool[Array, " pieces"]
     control: Controlled | None
-    solver: diffrax.AbstractSolver
+    solver: diffrax.AbstractSolver[Any]
     run_lengths: tuple[int, ...] = eqx.field(static=True)
     outputs: tuple[str, ...] = eqx.field(static=True)
     substeps: int = eqx.field(static=True)

@@ -45,7 +45,7 @@ def fit_simulation(
     control: Any = None,
     outputs: Sequence[str] | None = None,
     sigma: Mapping[str, Any] | None = None,
-    solver: diffrax.AbstractSolver | None = None,
+    solver: diffrax.AbstractSolver[Any] | None = None,
     substeps: int = 1,
     interpolation: str = "linear",
     robust: bool = False,

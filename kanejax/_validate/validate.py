@@ -39,7 +39,7 @@ _FLOOR = 0.01
 
 
 def validate(
-    robot: str | os.PathLike | mujoco.MjModel | mujoco.MjSpec | Model,
+    robot: str | os.PathLike[str] | mujoco.MjModel | mujoco.MjSpec | Model,
     *,
     samples: int = 1000,
     seed: int = 0,

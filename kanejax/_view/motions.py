@@ -19,7 +19,7 @@ Motions = Any
 
 
 def stage_of(
-    robot: str | os.PathLike | Model,
+    robot: str | os.PathLike[str] | Model,
     trajectory: Motions,
     *,
     rows: Sequence[int] | None,

@@ -18,9 +18,9 @@ _MOST_PICTURES = 100_000
 
 
 def render(
-    robot: str | os.PathLike | Model,
+    robot: str | os.PathLike[str] | Model,
     trajectory: Motions,
-    out: str | os.PathLike,
+    out: str | os.PathLike[str],
     *,
     rows: Sequence[int] | None = None,
     reference: Motions = None,
@@ -33,7 +33,7 @@ def render(
     elevation: float = ELEVATION,
     distance: float | None = None,
     ellipsoids: bool = False,
-    packages: Sequence[str | os.PathLike] = (),
+    packages: Sequence[str | os.PathLike[str]] = (),
     strict: bool = False,
     repair: bool = False,
     allow_unphysical: bool = False,

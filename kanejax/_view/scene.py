@@ -89,9 +89,9 @@ _poses = jax.jit(jax.vmap(poses, (None, 0)))
 
 
 def scene_of(
-    robot: str | os.PathLike | Model,
+    robot: str | os.PathLike[str] | Model,
     *,
-    packages: Sequence[str | os.PathLike] = (),
+    packages: Sequence[str | os.PathLike[str]] = (),
     strict: bool = False,
     repair: bool = False,
     allow_unphysical: bool = False,
@@ -156,7 +156,7 @@ def semi_axes(mass: float, moments: Float[np.ndarray, "3"]) -> Float[np.ndarray,
     return np.sqrt(np.maximum(squares, 0.0))
 
 
-def _shapes(robot: str | os.PathLike, model: Model, packages: tuple[Path, ...]) -> tuple[list[Fixed], list[str]]:
+def _shapes(robot: str | os.PathLike[str], model: Model, packages: tuple[Path, ...]) -> tuple[list[Fixed], list[str]]:
     # Only here, as it needs MuJoCo.
     from kanejax._view.mjcf_shapes import mjcf_shapes
     from kanejax._view.urdf_shapes import urdf_shapes

@@ -28,7 +28,7 @@ _LOGS = (*_TEXT, ".parquet", ".pq", ".mcap")
 _MOST_BYTES, _MOST_TIMES = 2**28, 100
 
 
-def read_tracks(path: str | os.PathLike, model: Model, rows: Sequence[int] | None) -> tuple[list[Track], list[str]]:
+def read_tracks(path: str | os.PathLike[str], model: Model, rows: Sequence[int] | None) -> tuple[list[Track], list[str]]:
     """The motions of a file, and in sentences what of it is not shown.
 
     Raises:

@@ -44,7 +44,7 @@ class View:
         self._server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         self._page = Page(self._server, stage)
         self._panel = Panel(self._server, stage, self._page)
-        self.url = f"http://{f'[{host}]' if ':' in host else host}:{self._server.get_port()}"
+        self.url: str = f"http://{f'[{host}]' if ':' in host else host}:{self._server.get_port()}"
         self.notes = notes
 
     @property
@@ -95,12 +95,12 @@ class View:
 
 
 def view(
-    robot: str | os.PathLike | Model,
+    robot: str | os.PathLike[str] | Model,
     trajectory: Motions = None,
     *,
     rows: Sequence[int] | None = None,
     reference: Motions = None,
-    packages: Sequence[str | os.PathLike] = (),
+    packages: Sequence[str | os.PathLike[str]] = (),
     strict: bool = False,
     repair: bool = False,
     allow_unphysical: bool = False,

@@ -22,7 +22,7 @@ _SENTENCES = 6
 
 def write_report(
     identification: Identification,
-    path: str | os.PathLike,
+    path: str | os.PathLike[str],
     *,
     title: str = "Identification",
     inputs: Mapping[str, Any] | None = None,
