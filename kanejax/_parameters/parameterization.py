@@ -132,7 +132,13 @@ class Parameterization(eqx.Module):
         return eqx.tree_at(lambda p: p.model, plant, plant.model.replace(**leaves))
 
     def starts(self, key: PRNGKeyArray, count: int, spread: float = 0.3) -> Float[Array, "count m"]:
-        """Random coordinates, normally distributed about `theta0`, which is the first."""
+        """Random coordinates, normally distributed about `theta0`, which is the first.
+
+        Args:
+            key: of the random numbers.
+            count: how many, `theta0` included.
+            spread: standard deviation of each coordinate.
+        """
         theta0 = self.theta0
         noise = spread * jax.random.normal(key, (count, len(theta0)), theta0.dtype)
         return theta0[None] + noise.at[0].set(0.0)
