@@ -93,3 +93,12 @@ def test_states_that_do_not_fit_are_named(change, message):
     state = {"q": jnp.zeros(2), "u": jnp.zeros(2), "u_dot": jnp.zeros(2)} | change
     with pytest.raises(ValueError, match=message):
         check_state(model, **state)
+
+
+def test_every_argument_is_looked_at():
+    model = kj.from_mujoco(mujoco.MjModel.from_xml_string(random_tree(1, 2, ("hinge",))))
+    good, bad = jnp.zeros(2), jnp.zeros(2, jnp.float32)
+    with pytest.raises(ValueError, match="tau has dtype float32, but the model has float64"):
+        kj.generalized_active_force(model, good, good, bad)
+    with pytest.raises(ValueError, match="u has dtype float32, but the model has float64"):
+        kj.partial_velocity_rates(model, good, bad)
