@@ -12,6 +12,7 @@ demo: $(VENV)/.demo  ## load, validate, simulate and differentiate a real robot;
 test: $(VENV)/.test  ## the whole test suite
 	$(BIN)/python -m pytest -n 2
 
+# The types of the installed package are complete; pyright finds it by the python on the path.
 lint: $(VENV)/.lint $(VENV)/.test  ## style, docstrings and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

@@ -1,4 +1,4 @@
-"""Terms of the cost of a motion: `kanejax.costs.torque()`, and others to be added to it."""
+"""Terms of the cost of a motion, of which a task has one or several: `(kanejax.costs.torque(), kanejax.costs.duration(40.0))`."""
 
 from typing import Any, final
 
@@ -33,7 +33,7 @@ def torque(weights: ArrayLike = 1.0) -> Cost:
         weights: one for all, or (nv,), in the order of the speeds.
 
     Returns:
-        The term; add others to it, or multiply it by a number.
+        The term, for the costs of a `MotionTask`, alone or among others.
     """
     return Cost(_Squares(jnp.asarray(weights, float), "tau"), name="torque")
 
@@ -45,7 +45,7 @@ def torque_rate(weights: ArrayLike = 1.0) -> Cost:
         weights: one for all, or (nv,), in the order of the speeds.
 
     Returns:
-        The term; add others to it, or multiply it by a number.
+        The term, for the costs of a `MotionTask`, alone or among others.
     """
     return Cost(_Squares(jnp.asarray(weights, float), "tau_rate"), name="torque_rate", needs=("tau_rate",))
 
@@ -57,7 +57,7 @@ def speed(weights: ArrayLike = 1.0) -> Cost:
         weights: one for all, or (nv,), in the order of the speeds.
 
     Returns:
-        The term; add others to it, or multiply it by a number.
+        The term, for the costs of a `MotionTask`, alone or among others.
     """
     return Cost(_Squares(jnp.asarray(weights, float), "u"), name="speed")
 
@@ -69,7 +69,7 @@ def acceleration(weights: ArrayLike = 1.0) -> Cost:
         weights: one for all, or (nv,), in the order of the speeds.
 
     Returns:
-        The term; add others to it, or multiply it by a number.
+        The term, for the costs of a `MotionTask`, alone or among others.
     """
     return Cost(_Squares(jnp.asarray(weights, float), "u_dot"), name="acceleration")
 
@@ -81,7 +81,7 @@ def jerk(weights: ArrayLike = 1.0) -> Cost:
         weights: one for all, or (nv,), in the order of the speeds.
 
     Returns:
-        The term; add others to it, or multiply it by a number.
+        The term, for the costs of a `MotionTask`, alone or among others.
     """
     return Cost(_Squares(jnp.asarray(weights, float), "jerk"), name="jerk", needs=("jerk",))
 
@@ -93,7 +93,7 @@ def duration(weight: ArrayLike = 1.0) -> Cost:
         weight: factor.
 
     Returns:
-        The term; add others to it, or multiply it by a number.
+        The term, for the costs of a `MotionTask`, alone or among others.
     """
     return Cost(_end_time, weight, name="duration", at_end=True)
 
@@ -104,6 +104,9 @@ def energy(weight: ArrayLike = 1.0, *, width: ArrayLike = 1.0) -> Cost:
     Args:
         weight: factor.
         width: power [W] below which abs is rounded, sqrt(power^2 + width^2) - width.
+
+    Returns:
+        The term, for the costs of a `MotionTask`, alone or among others.
     """
     return Cost(_Power(jnp.asarray(width, float)), weight, name="energy")
 
@@ -115,6 +118,9 @@ def tracking(q: Float[ArrayLike, "nodes nq"], duration: ArrayLike, weights: Arra
         q: coordinates at equally spaced times from the start to the end of the motion.
         duration: time [s] that the path takes.
         weights: one for all or (nq,).
+
+    Returns:
+        The term, for the costs of a `MotionTask`, alone or among others.
     """
     return Cost(_Tracking(*(jnp.asarray(each, float) for each in (q, duration, weights))), name="tracking")
 
@@ -126,6 +132,9 @@ def manipulability(body: str, point: Vector = (0.0, 0.0, 0.0), weight: ArrayLike
         body: that the point is fixed in.
         point: in the body's frame.
         weight: factor.
+
+    Returns:
+        The term, for the costs of a `MotionTask`, alone or among others.
     """
     return Cost(_Manipulability(BodyPoint(jnp.asarray(point, float), body)), weight, name=f"manipulability of {body}")
 
